@@ -1,0 +1,2 @@
+//! lightsheaf
+pub mod scene;

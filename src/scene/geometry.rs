@@ -1,0 +1,104 @@
+//! The scene as one list of world-space triangles, in the order of instances and their meshes' triangles.
+
+use glam::{Mat3A, Vec2, Vec3, Vec3A, Vec4};
+
+use super::Scene;
+
+/// One corner of a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    /// World space, metres.
+    pub position: Vec3,
+    /// Unit shading normal, world space.
+    pub normal: Vec3,
+    /// Unit tangent and the bitangent's sign; zero where there is none.
+    pub tangent: Vec4,
+    /// Two sets of texture coordinates.
+    pub uvs: [Vec2; 2],
+    /// Linear colour with alpha; white where there is none.
+    pub color: Vec4,
+}
+
+/// All triangles of a scene in world space.
+#[derive(Clone, Debug, Default)]
+pub struct Geometry {
+    /// Corners.
+    pub vertices: Vec<Vertex>,
+    /// Corner indices; counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// Material of each triangle.
+    pub materials: Vec<u32>,
+    /// Corners of the bounding box; zero for an empty scene.
+    pub bounds: [Vec3; 2],
+}
+
+impl Geometry {
+    /// Flattens a scene. Triangles without area are left out: they can neither be hit nor seen.
+    #[must_use]
+    pub fn new(scene: &Scene) -> Self {
+        let mut out = Self::default();
+        for instance in &scene.instances {
+            let mesh = &scene.meshes[instance.mesh];
+            let linear = Mat3A::from(instance.world_from_local.matrix3);
+            // Normals go with the cofactor matrix, which also stands up to a singular transform.
+            let cofactor = Mat3A::from_cols(
+                linear.y_axis.cross(linear.z_axis),
+                linear.z_axis.cross(linear.x_axis),
+                linear.x_axis.cross(linear.y_axis),
+            );
+            let mirrored = linear.determinant() < 0.0;
+            let base = out.vertices.len() as u32;
+            let smooth = !mesh.normals.is_empty();
+            let vertex = |index: usize| Vertex {
+                position: instance.world_from_local.transform_point3(mesh.positions[index]),
+                normal: mesh.normals.get(index).map_or(Vec3::ZERO, |&n| {
+                    let world = Vec3::from(cofactor * Vec3A::from(n)) * if mirrored { -1.0 } else { 1.0 };
+                    world.normalize_or_zero()
+                }),
+                tangent: mesh.tangents.get(index).map_or(Vec4::ZERO, |t| {
+                    let world = Vec3::from(linear * Vec3A::from(t.truncate())).normalize_or_zero();
+                    world.extend(if mirrored { -t.w } else { t.w })
+                }),
+                uvs: [0, 1].map(|set: usize| mesh.uvs[set].get(index).copied().unwrap_or_default()),
+                color: mesh.colors.get(index).copied().unwrap_or(Vec4::ONE),
+            };
+            if smooth {
+                out.vertices.extend((0..mesh.positions.len()).map(vertex));
+            }
+            for &[a, b, c] in &mesh.triangles {
+                let corners = if mirrored { [a, c, b] } else { [a, b, c] };
+                let p = corners.map(|i| instance.world_from_local.transform_point3(mesh.positions[i as usize]));
+                let flat = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+                if flat == Vec3::ZERO {
+                    continue;
+                }
+                let indices = if smooth {
+                    for i in corners {
+                        let normal = &mut out.vertices[(base + i) as usize].normal;
+                        if *normal == Vec3::ZERO {
+                            *normal = flat;
+                        }
+                    }
+                    corners.map(|i| base + i)
+                } else {
+                    let first = out.vertices.len() as u32;
+                    out.vertices.extend(corners.map(|i| Vertex { normal: flat, ..vertex(i as usize) }));
+                    [first, first + 1, first + 2]
+                };
+                out.triangles.push(indices);
+                out.materials.push(mesh.material as u32);
+            }
+        }
+        let used = || out.triangles.iter().flatten().map(|&i| out.vertices[i as usize].position);
+        if let Some(first) = used().next() {
+            out.bounds = used().fold([first; 2], |[low, high], p| [low.min(p), high.max(p)]);
+        }
+        out
+    }
+
+    /// World-space corners of a triangle.
+    #[must_use]
+    pub fn positions(&self, triangle: usize) -> [Vec3; 3] {
+        self.triangles[triangle].map(|i| self.vertices[i as usize].position)
+    }
+}

@@ -1,0 +1,58 @@
+//! Scenes as plain data: what a file says, before any method looks at it.
+//!
+//! A [`Scene`] is meshes, instances, materials, textures, lights and a camera, in world units of metres and linear Rec. 709
+//! radiometry. Loaders build it ([`load`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
+//! upload and the CPU reference read that one flattening. Nothing here knows of a GPU or of an estimator.
+
+pub mod camera;
+pub mod environment;
+pub mod error;
+pub mod geometry;
+pub mod light;
+pub mod material;
+pub mod mesh;
+pub mod texture;
+
+pub use camera::{Camera, FovAxis, Projection};
+pub use environment::{Environment, EnvironmentMap, Rows};
+pub use error::LoadError;
+pub use geometry::Geometry;
+pub use light::{Light, SpotFalloff};
+pub use material::{AlphaMask, Bsdf, Color, Emission, Fresnel, Material, NormalMap, Scalar, Sides};
+pub use mesh::{Instance, Mesh};
+pub use texture::{Filter, Image, Texture, TextureRef, Wrap};
+
+/// Everything that a renderer needs to know of a scene file.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    /// Where it came from: the path or `builtin:NAME`.
+    pub name: String,
+    /// Meshes in their own space, one material each.
+    pub meshes: Vec<Mesh>,
+    /// Placements of meshes in the world.
+    pub instances: Vec<Instance>,
+    /// Materials that meshes index.
+    pub materials: Vec<Material>,
+    /// Image and sampler pairs that [`TextureRef`]s index.
+    pub textures: Vec<Texture>,
+    /// Pixels that textures index.
+    pub images: Vec<Image>,
+    /// Punctual and directional lights. Emissive surfaces are materials with emission.
+    pub lights: Vec<Light>,
+    /// Radiance from infinitely far away, if any.
+    pub environment: Option<Environment>,
+    /// At least one after loading; the first is the default.
+    pub cameras: Vec<Camera>,
+    /// One sentence per unsupported or repaired thing: what it is and what was done instead.
+    pub warnings: Vec<String>,
+}
+
+impl Scene {
+    /// Adds a warning unless the very same sentence is already there.
+    pub fn warn(&mut self, warning: impl Into<String>) {
+        let warning = warning.into();
+        if !self.warnings.contains(&warning) {
+            self.warnings.push(warning);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Images and how they are looked up.
+
+use glam::{Affine2, Vec2};
+
+/// Eight-bit pixels, row 0 on top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Its name or path.
+    pub name: String,
+    /// Columns, at least 1.
+    pub width: u32,
+    /// Rows, at least 1.
+    pub height: u32,
+    /// Row-major RGBA.
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// What lies outside [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wrap {
+    /// The image again.
+    Repeat,
+    /// The image mirrored.
+    Mirror,
+    /// The edge.
+    Clamp,
+}
+
+/// How texels become a value. There are no mipmaps: samples average what a footprint would.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Filter {
+    /// The texel itself.
+    Nearest,
+    /// Bilinear between texel centres; sRGB is decoded before it.
+    Linear,
+}
+
+/// An image with its sampler.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Index into the scene's images.
+    pub image: usize,
+    /// Along u and v.
+    pub wrap: [Wrap; 2],
+    /// Interpolation.
+    pub filter: Filter,
+    /// Whether RGB is sRGB-encoded (alpha never is).
+    pub srgb: bool,
+}
+
+/// A texture as a material uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureRef {
+    /// Index into the scene's textures.
+    pub texture: usize,
+    /// 0 or 1.
+    pub uv_set: u32,
+    /// KHR_texture_transform or Mitsuba's to_uv, applied to uv.
+    pub transform: Affine2,
+}
+
+impl TextureRef {
+    /// Untransformed, first UV set.
+    #[must_use]
+    pub fn new(texture: usize) -> Self {
+        Self { texture, uv_set: 0, transform: Affine2::IDENTITY }
+    }
+
+    /// Where in the image a surface's coordinates lie.
+    #[must_use]
+    pub fn apply(&self, uvs: [Vec2; 2]) -> Vec2 {
+        self.transform.transform_point2(uvs[self.uv_set as usize & 1])
+    }
+}
