@@ -72,3 +72,34 @@ impl TextureRef {
         self.transform.transform_point2(uvs[self.uv_set as usize & 1])
     }
 }
+
+impl Image {
+    /// Most pixels that an image may have; more is refused rather than allocated.
+    pub const MAX_PIXELS: u64 = 1 << 28;
+
+    /// Decodes PNG, JPEG, BMP, TGA or Radiance HDR (clamped to 1 and sRGB-encoded) by content, or by the name's extension.
+    ///
+    /// # Errors
+    /// A sentence saying what is wrong with the bytes.
+    pub fn decode(bytes: &[u8], name: &str) -> Result<Self, String> {
+        let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|e| e.to_string())?;
+        if reader.format().is_none()
+            && let Ok(format) = image::ImageFormat::from_path(name)
+        {
+            reader.set_format(format);
+        }
+        let mut limits = image::Limits::default();
+        limits.max_alloc = Some(Self::MAX_PIXELS * 8);
+        reader.limits(limits);
+        let decoded = reader.decode().map_err(|e| format!("the image cannot be decoded: {e}"))?;
+        let rgba = decoded.into_rgba8();
+        let (width, height) = rgba.dimensions();
+        if width == 0 || height == 0 {
+            return Err("the image has no pixels".to_owned());
+        }
+        let texels = rgba.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
+        Ok(Self { name: name.to_owned(), width, height, texels })
+    }
+}
