@@ -1,2 +1,4 @@
 //! lightsheaf
+pub mod film;
+pub mod metrics;
 pub mod scene;

@@ -1,0 +1,254 @@
+//! Images of linear radiance and the files that hold them.
+//!
+//! EXR keeps every value as a 32-bit float. PNG is the stated tone map: value times exposure, clipped to [0, 1], the sRGB
+//! transfer function (IEC 61966-2-1), rounded to 8 bits. Files are written under a temporary name and then renamed, so a
+//! reader never meets half of one.
+
+use std::path::{Path, PathBuf};
+
+use exr::prelude::{Encoding, Image, ReadChannels as _, ReadLayers as _, SpecificChannels, Vec2, WritableImage as _};
+
+/// Most pixels that an image file may claim; more is refused rather than allocated.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// Linear Rec. 709 RGB, row 0 on top.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Film {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Row-major, `width * height` of them.
+    pub pixels: Vec<[f32; 3]>,
+}
+
+/// Why an image file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum FilmError {
+    /// The name's ending says nothing.
+    #[error("{}: unknown image format; end the name in {expected}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// The endings that are known.
+        expected: &'static str,
+    },
+    /// Reading failed.
+    #[error("{}: the image cannot be read: {cause}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        cause: String,
+    },
+    /// Writing failed.
+    #[error("{}: the image cannot be written: {cause}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What went wrong and what to do.
+        cause: String,
+    },
+}
+
+impl Film {
+    /// A black image.
+    #[must_use]
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
+    }
+
+    /// How many of the channel values are NaN or infinite.
+    #[must_use]
+    pub fn non_finite(&self) -> u64 {
+        self.pixels.iter().flatten().filter(|v| !v.is_finite()).count() as u64
+    }
+
+    /// Writes .exr (32-bit float) or .png (tone map at exposure 1), by extension.
+    ///
+    /// # Errors
+    /// The path, the cause and what to do.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
+        let path = path.as_ref();
+        let error = |cause: String| FilmError::Write { path: path.to_owned(), cause };
+        let write: fn(&Self, &Path) -> Result<(), String> = match extension(path).as_str() {
+            "exr" => Self::write_exr,
+            "png" => Self::write_png,
+            _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
+        };
+        if self.width == 0 || self.height == 0 || self.pixels.len() as u64 != u64::from(self.width) * u64::from(self.height)
+        {
+            return Err(error(format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height)));
+        }
+        let mut name = std::ffi::OsString::from(".");
+        name.push(path.file_name().unwrap_or_default());
+        name.push(format!(".{}.part", std::process::id()));
+        let temporary = path.with_file_name(name);
+        write(self, &temporary).and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string())).map_err(
+            |cause| {
+                // Best effort: the error that is reported is the first one.
+                let _ = std::fs::remove_file(&temporary);
+                error(match path.parent() {
+                    Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+                        format!("the folder {} does not exist; create it first", folder.display())
+                    }
+                    _ => cause,
+                })
+            },
+        )
+    }
+
+    /// Reads .exr (half or float RGB, first layer), .hdr, or .png (the tone map undone at exposure 1), by extension.
+    ///
+    /// # Errors
+    /// The path, the cause and what to do.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
+        let path = path.as_ref();
+        match extension(path).as_str() {
+            "exr" => read_exr(path),
+            "hdr" => read_raster(path, image::ImageFormat::Hdr),
+            "png" => read_raster(path, image::ImageFormat::Png),
+            _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr, .hdr or .png" }),
+        }
+        .map_err(|cause| FilmError::Read { path: path.to_owned(), cause })
+    }
+
+    /// The tone-mapped image: 8-bit sRGB of value times `exposure`, clipped. NaN becomes black.
+    #[must_use]
+    pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
+        self.pixels.iter().flatten().map(|v| (srgb_from_linear(v * exposure) * 255.0 + 0.5) as u8).collect()
+    }
+
+    fn write_exr(&self, path: &Path) -> Result<(), String> {
+        let size = (self.width as usize, self.height as usize);
+        let channels = SpecificChannels::rgb(|Vec2(x, y)| {
+            let [r, g, b] = self.pixels[y * size.0 + x];
+            (r, g, b)
+        });
+        Image::from_encoded_channels(size, Encoding::SMALL_FAST_LOSSLESS, channels)
+            .write()
+            .to_file(path)
+            .map_err(|e| e.to_string())
+    }
+
+    fn write_png(&self, path: &Path) -> Result<(), String> {
+        image::RgbImage::from_raw(self.width, self.height, self.to_srgb8(1.0))
+            .ok_or("too large")?
+            .save_with_format(path, image::ImageFormat::Png)
+            .map_err(|e| e.to_string())
+    }
+}
+
+/// sRGB's transfer function, clipped to [0, 1].
+fn srgb_from_linear(linear: f32) -> f32 {
+    let x = linear.clamp(0.0, 1.0);
+    if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// The inverse of [`srgb_from_linear`].
+fn linear_from_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
+}
+
+fn read_exr(path: &Path) -> Result<Film, String> {
+    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(|e| e.to_string())?;
+    let pixels = meta.headers.iter().map(|h| h.layer_size.area() as u64).max().unwrap_or(0);
+    if pixels > MAX_PIXELS {
+        return Err(format!("{pixels} pixels are more than {MAX_PIXELS}"));
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgb_channels(
+            |size: Vec2<usize>, _| Film { width: size.0 as u32, height: size.1 as u32, pixels: vec![[0.0; 3]; size.area()] },
+            |film: &mut Film, at: Vec2<usize>, (r, g, b): (f32, f32, f32)| {
+                film.pixels[at.1 * film.width as usize + at.0] = [r, g, b];
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|e| format!("{e} (a layer with channels R, G and B is needed)"))?;
+    Ok(image.layer_data.channel_data.pixels)
+}
+
+fn read_raster(path: &Path, format: image::ImageFormat) -> Result<Film, String> {
+    let file = std::fs::File::open(path).map_err(|e| e.to_string())?;
+    let mut reader = image::ImageReader::with_format(std::io::BufReader::new(file), format);
+    let mut limits = image::Limits::default();
+    limits.max_alloc = Some(MAX_PIXELS * 12);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|e| e.to_string())?;
+    let rgb = decoded.into_rgb32f();
+    let (width, height) = rgb.dimensions();
+    let decode: fn(f32) -> f32 = if format == image::ImageFormat::Png { linear_from_srgb } else { |v| v };
+    let pixels = rgb.as_raw().chunks_exact(3).map(|p| [decode(p[0]), decode(p[1]), decode(p[2])]).collect();
+    Ok(Film { width, height, pixels })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("lightsheaf-film-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    #[test]
+    fn exr_keeps_every_bit() {
+        let folder = folder("exr");
+        let mut film = Film::new(5, 3);
+        for (i, p) in film.pixels.iter_mut().enumerate() {
+            *p = [i as f32 * 0.1, -1e-7, 3.0e8];
+        }
+        let path = folder.join("a.EXR");
+        film.save(&path).unwrap();
+        assert_eq!(Film::load(&path).unwrap(), film);
+        let left: Vec<_> = std::fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left, ["a.EXR"], "nothing but the image is left behind");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn png_is_the_stated_tone_map() {
+        let folder = folder("png");
+        let mut film = Film::new(3, 1);
+        film.pixels = vec![[0.0, 1.0, 7.0], [0.214_041_14, 0.002, -1.0], [f32::NAN, f32::INFINITY, 0.5]];
+        // 0.21404114 is sRGB 0.5; 0.002 lies on the linear toe: 12.92 * 0.002 * 255 = 6.6; 0.5 is sRGB 0.7354.
+        assert_eq!(film.to_srgb8(1.0), [0, 255, 255, 128, 7, 0, 0, 255, 188]);
+        let path = folder.join("a.png");
+        film.save(&path).unwrap();
+        let back = Film::load(&path).unwrap();
+        assert!((back.pixels[1][0] - 0.2159).abs() < 1e-3, "128 / 255 decoded, {}", back.pixels[1][0]);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn errors_name_the_file_and_leave_nothing() {
+        let folder = folder("errors");
+        let film = Film::new(2, 2);
+        let unknown = film.save(folder.join("a.jpg")).unwrap_err().to_string();
+        assert!(unknown.contains("a.jpg") && unknown.contains(".exr or .png"), "{unknown}");
+        let missing = film.save(folder.join("no/a.exr")).unwrap_err().to_string();
+        assert!(missing.contains("does not exist"), "{missing}");
+        assert!(Film::load(folder.join("a.exr")).unwrap_err().to_string().contains("a.exr"));
+        std::fs::write(folder.join("cut.exr"), [0x76, 0x2f, 0x31, 0x01, 2]).unwrap();
+        assert!(Film::load(folder.join("cut.exr")).is_err());
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 1, "only the file that this test wrote");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn non_finite_values_are_counted() {
+        let mut film = Film::new(2, 1);
+        assert_eq!(film.non_finite(), 0);
+        film.pixels[1] = [f32::NAN, 1.0, f32::NEG_INFINITY];
+        assert_eq!(film.non_finite(), 2);
+    }
+}

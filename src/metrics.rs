@@ -1,0 +1,162 @@
+//! How far an image is from a reference, on linear RGB. Sums are in f64.
+//!
+//! With x the image, r the reference, over all values of all channels:
+//! - `mse` = mean((x - r)^2)
+//! - `rel_mse` = mean((x - r)^2 / (r^2 + 0.01))
+//! - `mean_bias` = mean(x) / mean(r) - 1
+//! - `p999` = 99.9th percentile of |x - r| / (r + 0.01), linear between ranks
+//! - `flip` = mean LDR-FLIP (Andersson et al. 2020, 67 pixels per degree) of the sRGB images at exposure
+//!   0.8 / (95th percentile of the reference's luminance), clipped to [0, 1]
+//!
+//! A non-finite value in the image makes every figure NaN: an image with holes passes no threshold.
+
+use serde::{Deserialize, Serialize};
+
+use crate::film::Film;
+
+/// Keeps relative errors of dark values finite.
+const DARK: f64 = 0.01;
+
+/// The figures of one comparison. NaN is `null` in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Mean squared error.
+    #[serde(deserialize_with = "nan_from_null")]
+    pub mse: f64,
+    /// Mean squared error relative to the reference's square.
+    #[serde(deserialize_with = "nan_from_null")]
+    pub rel_mse: f64,
+    /// Ratio of the means, minus one.
+    #[serde(deserialize_with = "nan_from_null")]
+    pub mean_bias: f64,
+    /// 99.9th percentile of the relative error.
+    #[serde(deserialize_with = "nan_from_null")]
+    pub p999: f64,
+    /// Mean FLIP error, 0 to 1.
+    #[serde(deserialize_with = "nan_from_null")]
+    pub flip: f64,
+    /// NaN and infinite values in the image.
+    pub non_finite: u64,
+}
+
+fn nan_from_null<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
+}
+
+/// Why two images cannot be compared.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CompareError {
+    /// They have different sizes.
+    #[error("the image is {}x{}, the reference {}x{}; render one of them at the other's size", image.0, image.1, reference.0, reference.1)]
+    Size {
+        /// Columns and rows of the image.
+        image: (u32, u32),
+        /// Columns and rows of the reference.
+        reference: (u32, u32),
+    },
+    /// They have no pixels.
+    #[error("the images have no pixels")]
+    Empty,
+    /// The reference has holes.
+    #[error("the reference has {0} values that are not finite; nothing can be said about the image")]
+    Reference(u64),
+}
+
+/// Compares an image with a reference.
+///
+/// # Errors
+/// Where no comparison is possible.
+pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareError> {
+    check(image, reference)?;
+    let values = || image.pixels.iter().flatten().zip(reference.pixels.iter().flatten());
+    let count = (image.pixels.len() * 3) as f64;
+    let (mut square, mut relative, mut sum_x, mut sum_r) = (0.0, 0.0, 0.0, 0.0);
+    for (&x, &r) in values() {
+        let (x, r) = (f64::from(x), f64::from(r));
+        let d = (x - r) * (x - r);
+        square += d;
+        relative += d / (r * r + DARK);
+        sum_x += x;
+        sum_r += r;
+    }
+    let non_finite = image.non_finite();
+    // Infinities could cancel or vanish in a quotient; NaN they all are.
+    let hole = if non_finite > 0 { f64::NAN } else { 0.0 };
+    let mut errors: Vec<f64> =
+        values().map(|(&x, &r)| (f64::from(x) - f64::from(r)).abs() / (f64::from(r) + DARK)).collect();
+    Ok(Comparison {
+        width: image.width,
+        height: image.height,
+        mse: square / count + hole,
+        rel_mse: relative / count + hole,
+        mean_bias: if sum_x == sum_r { 0.0 } else { sum_x / sum_r - 1.0 } + hole,
+        p999: percentile(&mut errors, 0.999) + hole,
+        flip: flip(image, reference) + hole,
+        non_finite,
+    })
+}
+
+/// The exposure at which FLIP looks at an image: 0.8 / (95th percentile of the reference's luminance), 1 for a black one.
+#[must_use]
+pub fn flip_exposure(reference: &Film) -> f64 {
+    let mut luminance: Vec<f64> = reference
+        .pixels
+        .iter()
+        .map(|&[r, g, b]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b))
+        .collect();
+    let bright = percentile(&mut luminance, 0.95);
+    if bright > 0.0 { 0.8 / bright } else { 1.0 }
+}
+
+/// The signed relative error of each pixel, mean over the channels of (x - r) / (r + 0.01): red where the image is too bright,
+/// blue where it is too dark, full colour from 100 % on, white where it is not finite. PNG's transfer function lifts small errors.
+///
+/// # Errors
+/// Where no comparison is possible.
+pub fn heatmap(image: &Film, reference: &Film) -> Result<Film, CompareError> {
+    check(image, reference)?;
+    let color = |x: &[f32; 3], r: &[f32; 3]| {
+        let error = (0..3).map(|c| (x[c] - r[c]) / (r[c] + DARK as f32)).sum::<f32>() / 3.0;
+        let strength = error.abs().min(1.0);
+        match error {
+            e if !e.is_finite() => [1.0; 3],
+            e if e > 0.0 => [strength, 0.25 * strength * strength, 0.0],
+            _ => [0.0, 0.25 * strength * strength, strength],
+        }
+    };
+    let pixels = image.pixels.iter().zip(&reference.pixels).map(|(x, r)| color(x, r)).collect();
+    Ok(Film { width: image.width, height: image.height, pixels })
+}
+
+fn check(image: &Film, reference: &Film) -> Result<(), CompareError> {
+    let sizes = [image, reference].map(|f| (f.width, f.height));
+    if sizes[0] != sizes[1] || image.pixels.len() != reference.pixels.len() {
+        return Err(CompareError::Size { image: sizes[0], reference: sizes[1] });
+    }
+    if image.pixels.is_empty() {
+        return Err(CompareError::Empty);
+    }
+    match reference.non_finite() {
+        0 => Ok(()),
+        holes => Err(CompareError::Reference(holes)),
+    }
+}
+
+/// The value below which `fraction` of the values lie, linear between ranks. Reorders the values.
+fn percentile(values: &mut [f64], fraction: f64) -> f64 {
+    let rank = fraction * (values.len() - 1) as f64;
+    let (_, &mut low, above) = values.select_nth_unstable_by(rank as usize, f64::total_cmp);
+    let high = above.iter().copied().min_by(f64::total_cmp).unwrap_or(low);
+    low + (high - low) * rank.fract()
+}
+
+fn flip(image: &Film, reference: &Film) -> f64 {
+    let exposure = flip_exposure(reference) as f32;
+    let [x, r] = [image, reference].map(|f| nv_flip::FlipImageRgb8::with_data(f.width, f.height, &f.to_srgb8(exposure)));
+    let errors = nv_flip::flip(r, x, nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
+    errors.iter().map(|&e| f64::from(e)).sum::<f64>() / errors.len() as f64
+}
