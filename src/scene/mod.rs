@@ -11,6 +11,7 @@ pub mod geometry;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod stats;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Projection};
@@ -20,6 +21,7 @@ pub use geometry::Geometry;
 pub use light::{Light, SpotFalloff};
 pub use material::{AlphaMask, Bsdf, Color, Emission, Fresnel, Material, NormalMap, Scalar, Sides};
 pub use mesh::{Instance, Mesh};
+pub use stats::SceneStats;
 pub use texture::{Filter, Image, Texture, TextureRef, Wrap};
 
 /// Everything that a renderer needs to know of a scene file.

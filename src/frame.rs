@@ -1,0 +1,337 @@
+//! The method on one page: what one iteration of raster BDPT does, in order.
+//!
+//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel. Passes take their inputs as arguments; what the
+//! plan skips has no pipeline, no buffer and no call here.
+
+use std::f32::consts::TAU;
+
+use glam::{Mat4, Vec3};
+
+use crate::gpu::Gpu;
+use crate::gpu_scene::GpuScene;
+use crate::layouts;
+use crate::lights::{ChosenLight, Lights, uniform_sphere};
+use crate::passes::accumulate::Accumulate;
+use crate::passes::connect::Connect;
+use crate::passes::extend::Extend;
+use crate::passes::eye_vertices::EyeVertices;
+use crate::passes::gbuffer::GBuffer;
+use crate::passes::light_subpath::LightSubpath;
+use crate::passes::view_lists::ViewLists;
+use crate::passes::view_setup::ViewSetup;
+use crate::plan::{Connection, FramePlan};
+use crate::sampler::{Decision, Sampler};
+use crate::scene::{Camera, Projection};
+use crate::settings::Settings;
+use crate::view::{ViewBuffers, parallel, perspective};
+
+/// Pipelines and buffers of an iteration.
+pub struct Frame {
+    plan: FramePlan,
+    size: [u32; 2],
+    view_setup: ViewSetup,
+    view_lists: ViewLists,
+    light_subpath: Option<LightSubpath>,
+    gbuffer: GBuffer,
+    eye_vertices_pass: EyeVertices,
+    connections: Vec<(Connection, wgpu::Buffer)>,
+    connects: Vec<((u32, bool), Connect)>,
+    extends: Vec<(bool, Extend)>,
+    accumulate: Accumulate,
+    /// Around the light vertices, then the bundles.
+    views: Vec<ViewBuffers>,
+    /// The light that `views[0]` was made for.
+    light_in_view: Option<usize>,
+    uniform: wgpu::Buffer,
+    empty_draw: wgpu::Buffer,
+    light_vertices: wgpu::Buffer,
+    eye_vertices: wgpu::Buffer,
+    radiance: wgpu::Buffer,
+    demands: wgpu::Buffer,
+    /// Sum and compensation per pixel.
+    pub film: wgpu::Buffer,
+    /// Non-finite values, bits of skipped iterations, then items and nodes that each view wanted.
+    pub log: wgpu::Buffer,
+}
+
+impl Frame {
+    /// Builds what the plan asks for.
+    #[must_use]
+    pub fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings) -> Self {
+        let size = [settings.width, settings.height];
+        let pixels = u64::from(size[0]) * u64::from(size[1]);
+        let surface = plan.surface_flags.clone();
+        let with = |more: &[&'static str]| [surface.as_slice(), more].concat();
+        let visibility: &[&str] = if plan.fast { &["FAST"] } else { &[] };
+        let seen = with(&[plan.light_flags.as_slice(), visibility].concat());
+
+        let connections: Vec<_> = plan
+            .connections
+            .iter()
+            .map(|c| {
+                let uniform = gpu.uniform::<layouts::Strategy>("strategy");
+                let strategy = layouts::Strategy {
+                    allowed: c.allowed.map(|a| f32::from(u8::from(a))),
+                    s: c.s,
+                    j: c.j,
+                    clamp_distance: settings.paper_clamp * 2.0 * scene.sphere().1,
+                    ..Default::default()
+                };
+                gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
+                (*c, uniform)
+            })
+            .collect();
+        let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
+        for c in &plan.connections {
+            if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
+                connects.push(((c.s, c.clamped), Connect::new(gpu, &with(visibility), c.s, c.clamped)));
+            }
+        }
+        let mut extends: Vec<(bool, Extend)> = Vec::new();
+        for e in &plan.extensions {
+            if !extends.iter().any(|(last, _)| *last == e.last) {
+                extends.push((e.last, Extend::new(gpu, &seen, e.last)));
+            }
+        }
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let views: Vec<_> = plan
+            .views()
+            .iter()
+            .map(|&(resolution, faces)| {
+                let room = plan.room(u64::from(scene.triangles), resolution, faces, limit);
+                ViewBuffers::new(gpu, scene.triangles, resolution, faces, room, plan.node_words())
+            })
+            .collect();
+        let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+        let demands = gpu.storage("demands", (views.len().max(1) * size_of::<layouts::Demand>()) as u64);
+        let frame = Self {
+            size,
+            view_setup: ViewSetup::new(gpu),
+            view_lists: ViewLists::new(gpu, plan.fast, largest),
+            light_subpath: (plan.light_vertices > 1).then(|| LightSubpath::new(gpu, &with(visibility))),
+            gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
+            eye_vertices_pass: EyeVertices::new(gpu, &with(&plan.light_flags)),
+            connections,
+            connects,
+            extends,
+            accumulate: Accumulate::new(gpu),
+            light_in_view: None,
+            uniform: gpu.uniform::<layouts::Frame>("frame"),
+            empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
+            light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
+            eye_vertices: gpu.storage("eye_vertices", pixels * size_of::<layouts::EyeVertex>() as u64),
+            radiance: gpu.storage("radiance", pixels * 16),
+            film: gpu.storage("film", pixels * 32),
+            log: gpu.storage("log", 8 + 8 * views.len().max(1) as u64),
+            demands,
+            views,
+            plan: plan.clone(),
+        };
+        frame.write_rooms(gpu);
+        frame
+    }
+
+    /// Records and submits one iteration; `batch_index` names it in the log.
+    pub fn iterate(&mut self, gpu: &Gpu, scene: &GpuScene, camera: &Camera, lights: &Lights, settings: &Settings, iteration: u64, batch_index: u32) {
+        let sampler = Sampler::new(settings.seed, iteration);
+        let light = if self.plan.light_vertices > 0 { lights.choose(sampler.get(Decision::Light)) } else { None };
+        let uniform = self.describe(scene, camera, lights, light.as_ref(), settings, &sampler, iteration, batch_index);
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
+        let encoder = &mut encoder;
+        let light_vertices = self.plan.light_vertices as usize;
+
+        // y0: everything that the light can see. Kept while the light stays the same.
+        if let Some(light) = light.filter(|l| self.light_in_view != Some(l.index)) {
+            let look = if light.kind == 2 {
+                parallel(light.direction, scene.bounds, 0.0, [0.5; 2], self.views[0].resolution)
+            } else {
+                perspective(light.position)
+            };
+            self.views[0].look(gpu, &look);
+            self.fill(gpu, encoder, scene, 0);
+            self.light_in_view = Some(light.index);
+        }
+
+        // y1, y2: VPLs, and everything that each can see (section 4.1).
+        if let (Some(pass), Some(_)) = (&self.light_subpath, light) {
+            for vertex in 1..light_vertices {
+                let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
+                pass.record(gpu, encoder, scene, &self.uniform, vertex as u32, from, &self.light_vertices, next);
+                self.fill(gpu, encoder, scene, vertex);
+            }
+        }
+
+        // One ray-bundle per bounce (section 3.2), each in a direction of its own.
+        for (n, view) in self.views.iter().enumerate().skip(light_vertices) {
+            let n_bundle = (n - light_vertices) as u32;
+            let forward = uniform_sphere(sampler.get2(Decision::Bundle(n_bundle)));
+            let turn = TAU * sampler.get(Decision::Turn(n_bundle));
+            view.look(gpu, &parallel(forward, scene.bounds, turn, sampler.get2(Decision::Shift(n_bundle)), view.resolution));
+            self.fill(gpu, encoder, scene, n);
+        }
+
+        // z1, and what the camera sees shining: (0, 2).
+        self.gbuffer.record(gpu, encoder, scene, &self.uniform);
+        self.eye_vertices_pass.record(
+            gpu, encoder, scene, &self.uniform, self.size, &self.gbuffer.triangles, &self.eye_vertices, &self.radiance,
+        );
+
+        // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
+        for j in 1..=settings.bounces + 1 {
+            for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
+                let Some((_, pass)) = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped)) else { continue };
+                let view = &self.views[connection.s as usize - 1];
+                pass.record(
+                    gpu, encoder, scene, &self.uniform, self.size, strategy, view, &self.light_vertices, &self.eye_vertices, &self.radiance,
+                );
+            }
+            let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
+            let Some((_, pass)) = self.extends.iter().find(|(last, _)| *last == extension.last) else { continue };
+            let bundle = &self.views[light_vertices + j as usize - 1];
+            pass.record(gpu, encoder, scene, &self.uniform, self.size, bundle, &self.eye_vertices, &self.radiance);
+        }
+
+        // The film, unless a list ran out of room.
+        for (n, view) in self.views.iter().enumerate() {
+            let at = (n * size_of::<layouts::Demand>()) as u64;
+            encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
+            encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
+        }
+        self.accumulate.record(gpu, encoder, &self.uniform, self.size, &self.radiance, &self.demands, &self.film, &self.log);
+        gpu.queue.submit([std::mem::replace(encoder, gpu.device.create_command_encoder(&Default::default())).finish()]);
+    }
+
+    /// Lists of everything in a view: set up once per triangle, then rasterized (DESIGN section 3, "Exact visibility").
+    fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize) {
+        let view = &self.views[view];
+        view.reset(encoder, &self.empty_draw);
+        self.view_setup.record(gpu, encoder, scene, view);
+        self.view_lists.record(gpu, encoder, view);
+    }
+
+    /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
+    pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
+        for (view, &[items, nodes]) in self.views.iter_mut().zip(needed) {
+            let (items, nodes) = (u64::from(items), u64::from(nodes));
+            if items > view.item_room || nodes > view.node_room {
+                let more = |wanted: u64, room: u64| if wanted > room { wanted + wanted / 2 } else { room };
+                let room = [more(items, view.item_room), more(nodes, view.node_room)];
+                *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, self.plan.node_words());
+                self.light_in_view = None;
+            }
+        }
+        self.write_rooms(gpu);
+    }
+
+    /// Bytes of all buffers and targets of the frame.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
+        let buffers = [&self.eye_vertices, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
+        buffers + pixels * 8 + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
+    }
+
+    /// Largest number of nodes that any view has room for.
+    #[must_use]
+    pub fn node_room(&self) -> Vec<u64> {
+        self.views.iter().map(|v| v.node_room).collect()
+    }
+
+    fn write_rooms(&self, gpu: &Gpu) {
+        let rooms: Vec<_> = self
+            .views
+            .iter()
+            .map(|v| layouts::Demand { item_room: v.item_room as u32, node_room: v.node_room as u32, ..Default::default() })
+            .collect();
+        if !rooms.is_empty() {
+            gpu.queue.write_buffer(&self.demands, 0, bytemuck::cast_slice(&rooms));
+        } else {
+            gpu.queue.write_buffer(&self.demands, 0, bytemuck::bytes_of(&layouts::Demand::default()));
+        }
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "everything that an iteration depends on")]
+    fn describe(
+        &self,
+        scene: &GpuScene,
+        camera: &Camera,
+        lights: &Lights,
+        light: Option<&ChosenLight>,
+        settings: &Settings,
+        sampler: &Sampler,
+        iteration: u64,
+        batch_index: u32,
+    ) -> layouts::Frame {
+        let jitter = sampler.get2(Decision::Pixel);
+        let half = camera.half_extent(self.size[0], self.size[1]);
+        let world_from_camera = camera.world_from_camera;
+        let [right, up, forward] = [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
+        let position = Vec3::from(world_from_camera.translation);
+        let environment = scene.environment;
+        let columns = environment.map_or(glam::Mat3::IDENTITY, |e| e.environment_from_world).to_cols_array_2d();
+        let mut out = layouts::Frame {
+            clip_from_world: self.clip_from_world(scene, camera, jitter).to_cols_array_2d(),
+            camera_position: position.to_array(),
+            orthographic: u32::from(matches!(camera.projection, Projection::Orthographic { .. })),
+            camera_right: right.to_array(),
+            width: self.size[0],
+            camera_up: up.to_array(),
+            height: self.size[1],
+            camera_forward: forward.to_array(),
+            samples: (iteration + 1) as f32,
+            jitter,
+            light_kind: 3,
+            environment: environment.map_or([0.0; 3], |e| e.radiance.to_array()),
+            environment_rows_at_poles: u32::from(environment.is_some_and(|e| e.rows_at_poles)),
+            environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
+            y2_random: sampler.get2(Decision::Y2),
+            beta: settings.beta,
+            iteration: batch_index,
+            ..Default::default()
+        };
+        if let Some(light) = light {
+            out.light_kind = light.kind;
+            out.light_pdf_w = light.pdf;
+            out.light_position = light.position.to_array();
+            out.light_direction = light.direction.to_array();
+            out.light_intensity = light.intensity.to_array();
+            [out.light_cos_inner, out.light_cos_outer] = light.cosines;
+            out.light_falloff = light.falloff;
+            out.sample_direction = lights.sample_direction(light, sampler.get2(Decision::Y1)).to_array();
+            out.sample_pdf = light.pdf;
+        }
+        out
+    }
+
+    /// Clip space with reversed depth, moved so that pixel centres are the iteration's sample positions.
+    fn clip_from_world(&self, scene: &GpuScene, camera: &Camera, jitter: [f32; 2]) -> Mat4 {
+        let half = camera.half_extent(self.size[0], self.size[1]);
+        let (center, radius) = scene.sphere();
+        let camera_from_world = Mat4::from(camera.world_from_camera.inverse());
+        let clip_from_camera = match camera.projection {
+            // Infinite far plane; the near one as close as depth precision does not care about.
+            Projection::Perspective { .. } => {
+                let near = 1e-4 * radius;
+                Mat4::from_cols_array_2d(&[
+                    [1.0 / half.x, 0.0, 0.0, 0.0],
+                    [0.0, 1.0 / half.y, 0.0, 0.0],
+                    [0.0, 0.0, 0.0, -1.0],
+                    [0.0, 0.0, near, 0.0],
+                ])
+            }
+            // In front of the camera, up to the far side of the scene.
+            Projection::Orthographic { .. } => {
+                let far = camera_from_world.transform_point3(center).length() + 2.0 * radius;
+                Mat4::from_cols_array_2d(&[
+                    [1.0 / half.x, 0.0, 0.0, 0.0],
+                    [0.0, 1.0 / half.y, 0.0, 0.0],
+                    [0.0, 0.0, 1.0 / far, 0.0],
+                    [0.0, 0.0, 1.0, 1.0],
+                ])
+            }
+        };
+        let shift = Vec3::new((1.0 - 2.0 * jitter[0]) / self.size[0] as f32, (2.0 * jitter[1] - 1.0) / self.size[1] as f32, 0.0);
+        Mat4::from_translation(shift) * clip_from_camera * camera_from_world
+    }
+}

@@ -1,0 +1,159 @@
+//! The adapter, the device, and what they can do.
+
+use std::sync::{Arc, Mutex};
+
+use super::Timings;
+
+/// Why no device could be had, or what it said.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum GpuError {
+    /// No adapter, with what to install.
+    #[error(
+        "no Vulkan, Metal or Direct3D 12 device was found: {0}; run scripts/setup.sh, which installs Mesa's software driver, \
+         or use --method reference"
+    )]
+    NoAdapter(String),
+    /// The adapter refused a device.
+    #[error("the adapter {adapter} gave no device: {cause}")]
+    NoDevice {
+        /// Its name.
+        adapter: String,
+        /// What it said.
+        cause: String,
+    },
+    /// A validation, memory or driver error during work.
+    #[error("the graphics device reported: {0}")]
+    Device(String),
+}
+
+/// What the adapter offers beyond what every adapter has.
+#[derive(Clone, Debug)]
+pub struct Capabilities {
+    /// Adapter name and driver.
+    pub adapter: String,
+    /// Whether it is a software driver.
+    pub software: bool,
+    /// Whether passes can be timed.
+    pub timestamps: bool,
+    /// Largest storage binding in bytes.
+    pub max_binding_bytes: u64,
+    /// Largest buffer in bytes.
+    pub max_buffer_bytes: u64,
+    /// Largest side of a 2-D texture in texels.
+    pub max_texture_side: u32,
+    /// Most layers of a texture array.
+    pub max_texture_layers: u32,
+}
+
+/// A device with its queue.
+pub struct Gpu {
+    /// Creates things.
+    pub device: wgpu::Device,
+    /// Runs things.
+    pub queue: wgpu::Queue,
+    /// What it can do.
+    pub capabilities: Capabilities,
+    /// Time per pass.
+    pub timings: Timings,
+    first_error: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the best adapter (environment variables of wgpu choose another: WGPU_BACKEND, WGPU_ADAPTER_NAME), asking for no
+    /// ray-tracing feature.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
+    pub fn new() -> Result<Self, GpuError> {
+        let descriptor = wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        };
+        let instance = wgpu::Instance::new(descriptor.with_env());
+        let options = wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            ..Default::default()
+        };
+        let adapter = pollster::block_on(instance.request_adapter(&options)).map_err(|e| GpuError::NoAdapter(e.to_string()))?;
+        let info = adapter.get_info();
+        let limits = adapter.limits();
+        let features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("lightsheaf"),
+            required_features: features,
+            required_limits: limits.clone(),
+            ..Default::default()
+        }))
+        .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), cause: e.to_string() })?;
+        let first_error = Arc::new(Mutex::new(None));
+        let sink = Arc::clone(&first_error);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            log::error!("graphics device: {error}");
+            if let Ok(mut first) = sink.lock() {
+                first.get_or_insert_with(|| error.to_string());
+            }
+        }));
+        let timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
+        let timings = Timings::new(&device, &queue, timestamps);
+        Ok(Self {
+            capabilities: Capabilities {
+                adapter: format!("{} ({})", info.name, info.driver_info),
+                software: info.device_type == wgpu::DeviceType::Cpu,
+                timestamps,
+                max_binding_bytes: limits.max_storage_buffer_binding_size,
+                max_buffer_bytes: limits.max_buffer_size,
+                max_texture_side: limits.max_texture_dimension_2d,
+                max_texture_layers: limits.max_texture_array_layers,
+            },
+            device,
+            queue,
+            timings,
+            first_error,
+        })
+    }
+
+    /// The first error that the device reported since it was opened, if any.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`].
+    pub fn check(&self) -> Result<(), GpuError> {
+        match self.first_error.lock().ok().and_then(|e| e.clone()) {
+            Some(message) => Err(GpuError::Device(message)),
+            None => Ok(()),
+        }
+    }
+
+    /// A buffer that shaders read and write, zeroed; at least 16 bytes.
+    #[must_use]
+    pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes.next_multiple_of(16).max(16),
+            usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::INDIRECT
+                | wgpu::BufferUsages::COPY_SRC
+                | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// A storage buffer with contents.
+    #[must_use]
+    pub fn upload<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> wgpu::Buffer {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let buffer = self.storage(label, bytes.len() as u64);
+        self.queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    }
+
+    /// A uniform buffer for a `T`.
+    #[must_use]
+    pub fn uniform<T: bytemuck::NoUninit>(&self, label: &str) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: (size_of::<T>() as u64).next_multiple_of(16),
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+}

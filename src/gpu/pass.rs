@@ -1,0 +1,205 @@
+//! Pipelines built from a linked shader, with bindings by name.
+
+use std::collections::BTreeMap;
+
+use wgpu::naga;
+
+use super::{Flags, Gpu, link};
+
+/// Resources by the name that the shader gives them. Names that a shader does not use are ignored.
+pub type Bindings<'a> = &'a [(&'a str, wgpu::BindingResource<'a>)];
+
+/// Where each name is bound: group, binding.
+type Slots = BTreeMap<String, (u32, u32)>;
+
+struct Linked {
+    module: wgpu::ShaderModule,
+    slots: Slots,
+    workgroup: [u32; 3],
+}
+
+#[expect(clippy::panic, reason = "a shader of ours that does not link or parse is a bug that tests catch, not a condition to handle")]
+fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
+    let source = link(name, flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
+    let parsed = naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)));
+    let slots = parsed
+        .global_variables
+        .iter()
+        .filter_map(|(_, v)| Some((v.name.clone()?, v.binding.map(|b| (b.group, b.binding))?)))
+        .collect();
+    let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
+    let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(name),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    });
+    Linked { module, slots, workgroup }
+}
+
+#[expect(clippy::panic, reason = "a missing name is a bug in the pass that forgot it")]
+fn bind_groups(gpu: &Gpu, label: &str, slots: &Slots, layout: impl Fn(u32) -> wgpu::BindGroupLayout, bindings: Bindings) -> Vec<wgpu::BindGroup> {
+    let groups = slots.values().map(|(group, _)| group + 1).max().unwrap_or(0);
+    (0..groups)
+        .map(|group| {
+            let entries: Vec<_> = slots
+                .iter()
+                .filter(|(_, slot)| slot.0 == group)
+                .map(|(name, slot)| wgpu::BindGroupEntry {
+                    binding: slot.1,
+                    resource: bindings
+                        .iter()
+                        .find(|(given, _)| given == name)
+                        .unwrap_or_else(|| panic!("{label}: nothing is bound to {name}"))
+                        .1
+                        .clone(),
+                })
+                .collect();
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout: &layout(group), entries: &entries })
+        })
+        .collect()
+}
+
+/// A compute pipeline.
+pub struct Compute {
+    label: &'static str,
+    pipeline: wgpu::ComputePipeline,
+    slots: Slots,
+    workgroup: [u32; 3],
+}
+
+impl Compute {
+    /// Links `shader` and builds its one compute entry point; `label` names it in timings and debuggers.
+    #[must_use]
+    pub fn new(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
+        let Linked { module, slots, workgroup } = load(gpu, shader, flags);
+        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(label),
+            layout: None,
+            module: &module,
+            entry_point: None,
+            compilation_options: wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() },
+            cache: None,
+        });
+        Self { label, pipeline, slots, workgroup }
+    }
+
+    /// Records one dispatch that covers `threads` (rounded up to whole workgroups; shaders check their bounds).
+    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, threads: [u32; 2], bindings: Bindings) {
+        let groups = bind_groups(gpu, self.label, &self.slots, |g| self.pipeline.get_bind_group_layout(g), bindings);
+        let writes = gpu.timings.begin(self.label);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(self.label),
+            timestamp_writes: writes.as_ref().map(|w| wgpu::ComputePassTimestampWrites {
+                query_set: &w.set,
+                beginning_of_pass_write_index: Some(w.begin),
+                end_of_pass_write_index: Some(w.end),
+            }),
+        });
+        pass.set_pipeline(&self.pipeline);
+        for (group, bound) in groups.iter().enumerate() {
+            pass.set_bind_group(group as u32, bound, &[]);
+        }
+        pass.dispatch_workgroups(threads[0].div_ceil(self.workgroup[0]), threads[1].div_ceil(self.workgroup[1]), 1);
+    }
+}
+
+/// What a raster pass draws into.
+pub struct RasterTargets<'a> {
+    /// Cleared to all ones bits or zero as given, or neither written nor cleared where the pipeline has no colour.
+    pub color: &'a wgpu::TextureView,
+    /// Value that the colour target is cleared to.
+    pub clear: wgpu::Color,
+    /// Depth target, cleared to 0 (reversed depth).
+    pub depth: Option<&'a wgpu::TextureView>,
+}
+
+/// A render pipeline of triangles without vertex buffers.
+pub struct Raster {
+    label: &'static str,
+    pipeline: wgpu::RenderPipeline,
+    slots: Slots,
+}
+
+impl Raster {
+    /// Links `shader` with entry points `vertex` and `fragment`. Where `writes_color` is false, the colour target only gives the
+    /// size. With `depth`, the test is reversed (greater passes).
+    #[must_use]
+    pub fn new(
+        gpu: &Gpu,
+        label: &'static str,
+        shader: &str,
+        flags: Flags,
+        color: wgpu::TextureFormat,
+        writes_color: bool,
+        depth: Option<wgpu::TextureFormat>,
+    ) -> Self {
+        let Linked { module, slots, .. } = load(gpu, shader, flags);
+        let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(label),
+            layout: None,
+            vertex: wgpu::VertexState { module: &module, entry_point: None, compilation_options: Default::default(), buffers: &[] },
+            primitive: wgpu::PrimitiveState::default(),
+            depth_stencil: depth.map(|format| wgpu::DepthStencilState {
+                format,
+                depth_write_enabled: Some(true),
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: None,
+                compilation_options: Default::default(),
+                targets: &[Some(wgpu::ColorTargetState {
+                    format: color,
+                    blend: None,
+                    write_mask: if writes_color { wgpu::ColorWrites::ALL } else { wgpu::ColorWrites::empty() },
+                })],
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        Self { label, pipeline, slots }
+    }
+
+    /// Records one pass with one draw.
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        targets: &RasterTargets,
+        viewport: [u32; 2],
+        bindings: Bindings,
+        draw: impl FnOnce(&mut wgpu::RenderPass),
+    ) {
+        let groups = bind_groups(gpu, self.label, &self.slots, |g| self.pipeline.get_bind_group_layout(g), bindings);
+        let writes = gpu.timings.begin(self.label);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(self.label),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: targets.color,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(targets.clear), store: wgpu::StoreOp::Store },
+            })],
+            depth_stencil_attachment: targets.depth.map(|view| wgpu::RenderPassDepthStencilAttachment {
+                view,
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: writes.as_ref().map(|w| wgpu::RenderPassTimestampWrites {
+                query_set: &w.set,
+                beginning_of_pass_write_index: Some(w.begin),
+                end_of_pass_write_index: Some(w.end),
+            }),
+            occlusion_query_set: None,
+            multiview_mask: None,
+        });
+        pass.set_pipeline(&self.pipeline);
+        for (group, bound) in groups.iter().enumerate() {
+            pass.set_bind_group(group as u32, bound, &[]);
+        }
+        pass.set_viewport(0.0, 0.0, viewport[0] as f32, viewport[1] as f32, 0.0, 1.0);
+        draw(&mut pass);
+    }
+}

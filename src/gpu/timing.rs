@@ -1,0 +1,113 @@
+//! Device time per pass, by timestamp queries; nothing where the adapter has none.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+use super::{Gpu, GpuError, read_back};
+
+/// Passes that can be timed between two collections.
+const CAPACITY: u32 = 2048;
+
+/// Time and runs of one pass.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct PassTime {
+    /// Milliseconds on the device, summed over runs that were timed.
+    pub gpu_millis: f64,
+    /// Times that it ran.
+    pub runs: u64,
+}
+
+/// Where a pass writes its two timestamps.
+pub struct Writes {
+    pub(super) set: wgpu::QuerySet,
+    pub(super) begin: u32,
+    pub(super) end: u32,
+}
+
+struct Queries {
+    set: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    millis_per_tick: f64,
+}
+
+#[derive(Default)]
+struct State {
+    pending: Vec<&'static str>,
+    totals: BTreeMap<&'static str, PassTime>,
+}
+
+/// Collects pass times.
+pub struct Timings {
+    queries: Option<Queries>,
+    state: Mutex<State>,
+}
+
+impl Timings {
+    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, available: bool) -> Self {
+        let queries = available.then(|| Queries {
+            set: device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("timings"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * CAPACITY,
+            }),
+            resolved: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("timings"),
+                size: 16 * u64::from(CAPACITY),
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            }),
+            millis_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
+        });
+        Self { queries, state: Mutex::default() }
+    }
+
+    /// Counts a run of a pass and says where its timestamps go, while there is room.
+    pub(super) fn begin(&self, label: &'static str) -> Option<Writes> {
+        let mut state = self.state.lock().ok()?;
+        state.totals.entry(label).or_default().runs += 1;
+        let queries = self.queries.as_ref()?;
+        let index = state.pending.len() as u32;
+        if index == CAPACITY {
+            return None;
+        }
+        state.pending.push(label);
+        Some(Writes { set: queries.set.clone(), begin: 2 * index, end: 2 * index + 1 })
+    }
+
+    /// Reads the timestamps of all submitted passes and adds them up.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`].
+    pub fn collect(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        let Some(queries) = &self.queries else { return Ok(()) };
+        let pending = self.state.lock().map(|mut s| std::mem::take(&mut s.pending)).unwrap_or_default();
+        if pending.is_empty() {
+            return Ok(());
+        }
+        let count = 2 * pending.len();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.resolve_query_set(&queries.set, 0..count as u32, &queries.resolved, 0);
+        gpu.queue.submit([encoder.finish()]);
+        let ticks: Vec<u64> = read_back(gpu, &queries.resolved, count)?;
+        if let Ok(mut state) = self.state.lock() {
+            for (label, pair) in pending.iter().zip(ticks.chunks_exact(2)) {
+                state.totals.entry(label).or_default().gpu_millis +=
+                    pair[1].saturating_sub(pair[0]) as f64 * queries.millis_per_tick;
+            }
+        }
+        Ok(())
+    }
+
+    /// Totals since the device was opened or [`Self::reset`], by pass.
+    #[must_use]
+    pub fn totals(&self) -> BTreeMap<&'static str, PassTime> {
+        self.state.lock().map(|s| s.totals.clone()).unwrap_or_default()
+    }
+
+    /// Forgets all totals.
+    pub fn reset(&self) {
+        if let Ok(mut state) = self.state.lock() {
+            state.totals.clear();
+        }
+    }
+}

@@ -1,0 +1,349 @@
+//! Upload: a scene's geometry, materials, textures and environment as the buffers of group 0 (shaders/lib/scene.wesl).
+
+use glam::{Mat3, Vec2, Vec3};
+
+use crate::gpu::{Gpu, GpuError};
+use crate::layouts;
+use crate::scene::{Bsdf, Color, Filter, Fresnel, Geometry, Rows, Scalar, Scene, Sides, TextureRef, Wrap};
+
+const NONE: u32 = u32::MAX;
+
+// Bits of Material.flags and values of Material.model, as in lib/scene.wesl.
+const TWO_SIDED: u32 = 1;
+const EMITS_TWO_SIDED: u32 = 2;
+const CULLED: u32 = 4;
+const MASKED: u32 = 8;
+const NONLINEAR: u32 = 16;
+const FRESNEL_NONE: u32 = 32;
+
+/// A constant or mapped environment, as passes need it.
+#[derive(Clone, Copy, Debug)]
+pub struct GpuEnvironment {
+    /// Constant radiance, or factor of the map.
+    pub radiance: Vec3,
+    /// Whether row 0 is met at the pole.
+    pub rows_at_poles: bool,
+    /// Rotation into the map's space.
+    pub environment_from_world: Mat3,
+}
+
+/// The scene on the device.
+pub struct GpuScene {
+    /// Number of triangles.
+    pub triangles: u32,
+    /// Bounding box, metres.
+    pub bounds: [Vec3; 2],
+    /// The environment, if any.
+    pub environment: Option<GpuEnvironment>,
+    /// Bytes of buffers and textures.
+    pub bytes: u64,
+    positions: wgpu::Buffer,
+    attributes: wgpu::Buffer,
+    triangle_buffer: wgpu::Buffer,
+    materials: wgpu::Buffer,
+    texture_uses: wgpu::Buffer,
+    texels: wgpu::TextureView,
+    environment_map: wgpu::TextureView,
+}
+
+impl GpuScene {
+    /// Uploads. An empty scene becomes one triangle without area, which nothing meets.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
+    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let largest = (geometry.vertices.len() * size_of::<layouts::Attributes>()).max(geometry.triangles.len() * 48) as u64;
+        if largest > limit {
+            return Err(GpuError::Device(format!(
+                "the scene has {} triangles and {} vertices, which need a binding of {largest} bytes; the adapter's limit is \
+                 {limit}: simplify the scene or use --method reference",
+                geometry.triangles.len(),
+                geometry.vertices.len()
+            )));
+        }
+        let mut positions: Vec<[f32; 4]> = geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
+        let mut attributes: Vec<_> = geometry
+            .vertices
+            .iter()
+            .map(|v| layouts::Attributes {
+                normal: v.normal.to_array(),
+                color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
+                tangent: v.tangent.to_array(),
+                uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
+            })
+            .collect();
+        let mut triangles: Vec<_> = geometry
+            .triangles
+            .iter()
+            .zip(&geometry.materials)
+            .map(|(&vertices, &material)| layouts::Triangle { vertices, material })
+            .collect();
+        if triangles.is_empty() {
+            positions = vec![[0.0; 4]; 3];
+            attributes = vec![layouts::Attributes::default(); 3];
+            triangles = vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }];
+        }
+        let mut atlas = Atlas::new(gpu, scene)?;
+        let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
+        if materials.is_empty() {
+            materials.push(layouts::Material::default());
+        }
+        let texture_uses = if atlas.uses.is_empty() { vec![layouts::TextureUse::default()] } else { atlas.uses };
+
+        let environment = scene.environment.as_ref().map(|e| GpuEnvironment {
+            radiance: e.radiance,
+            rows_at_poles: e.map.as_ref().is_some_and(|m| m.rows == Rows::AtPoles),
+            environment_from_world: e.world_from_environment.transpose(),
+        });
+        let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
+        let (width, height) = map.map_or((1, 1), |m| (m.width, m.height));
+        if width.max(height) > gpu.capabilities.max_texture_side {
+            return Err(GpuError::Device(format!(
+                "the environment map is {width}x{height}; the adapter's limit is {}: scale it down",
+                gpu.capabilities.max_texture_side
+            )));
+        }
+        let rgba: Vec<[f32; 4]> =
+            map.map_or(vec![[0.0; 4]], |m| m.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect());
+        let environment_texture = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [width, height, 1]);
+        write_texture(gpu, &environment_texture, [0, 0, 0], [width, height], 16, bytemuck::cast_slice(&rgba));
+
+        let bytes = (positions.len() * 16
+            + size_of_val(attributes.as_slice())
+            + size_of_val(triangles.as_slice())
+            + size_of_val(materials.as_slice())
+            + size_of_val(texture_uses.as_slice())
+            + rgba.len() * 16) as u64
+            + atlas.bytes;
+        Ok(Self {
+            triangles: triangles.len() as u32,
+            bounds: geometry.bounds,
+            environment,
+            bytes,
+            positions: gpu.upload("positions", &positions),
+            attributes: gpu.upload("attributes", &attributes),
+            triangle_buffer: gpu.upload("triangles", &triangles),
+            materials: gpu.upload("materials", &materials),
+            texture_uses: gpu.upload("texture_uses", &texture_uses),
+            texels: atlas.texture.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            }),
+            environment_map: environment_texture.create_view(&Default::default()),
+        })
+    }
+
+    /// The bindings of group 0, followed by a pass's own.
+    #[must_use]
+    pub fn with<'a>(&'a self, own: &[(&'a str, wgpu::BindingResource<'a>)]) -> Vec<(&'a str, wgpu::BindingResource<'a>)> {
+        let mut all = vec![
+            ("positions", self.positions.as_entire_binding()),
+            ("attributes", self.attributes.as_entire_binding()),
+            ("triangles", self.triangle_buffer.as_entire_binding()),
+            ("materials", self.materials.as_entire_binding()),
+            ("texture_uses", self.texture_uses.as_entire_binding()),
+            ("texels", wgpu::BindingResource::TextureView(&self.texels)),
+            ("environment_map", wgpu::BindingResource::TextureView(&self.environment_map)),
+        ];
+        all.extend_from_slice(own);
+        all
+    }
+
+    /// Middle of the bounding box and half its diagonal, metres; the latter is positive even for an empty scene.
+    #[must_use]
+    pub fn sphere(&self) -> (Vec3, f32) {
+        let radius = 0.5 * self.bounds[0].distance(self.bounds[1]);
+        (0.5 * (self.bounds[0] + self.bounds[1]), if radius > 0.0 { radius } else { 1.0 })
+    }
+}
+
+fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, layers]: [u32; 3]) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+fn write_texture(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], [width, height]: [u32; 2], texel_bytes: u32, data: &[u8]) {
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x, y, z },
+            aspect: wgpu::TextureAspect::All,
+        },
+        data,
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * texel_bytes), rows_per_image: None },
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
+}
+
+/// All images that materials use, packed in shelves into the layers of one texture array.
+struct Atlas {
+    texture: wgpu::Texture,
+    bytes: u64,
+    /// Per image: layer, x, y.
+    places: Vec<[u32; 3]>,
+    uses: Vec<layouts::TextureUse>,
+}
+
+impl Atlas {
+    fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
+        let mut used = vec![false; scene.images.len()];
+        for t in &scene.textures {
+            used[t.image] = true;
+        }
+        let mut order: Vec<usize> = (0..scene.images.len()).filter(|&i| used[i]).collect();
+        order.sort_by_key(|&i| std::cmp::Reverse(scene.images[i].height));
+        let longest = order.iter().map(|&i| scene.images[i].width.max(scene.images[i].height)).max().unwrap_or(1);
+        if longest > gpu.capabilities.max_texture_side {
+            return Err(GpuError::Device(format!(
+                "a texture has a side of {longest} texels; the adapter's limit is {}: scale it down",
+                gpu.capabilities.max_texture_side
+            )));
+        }
+        // Small sets get a small layer, large ones share layers of at least 2048 texels.
+        let area: u64 = order.iter().map(|&i| u64::from(scene.images[i].width) * u64::from(scene.images[i].height)).sum();
+        let side = if area <= 1 { 1 } else { longest.max((area.isqrt() as u32).next_power_of_two().min(2048)).min(gpu.capabilities.max_texture_side) };
+        let mut places = vec![[0; 3]; scene.images.len()];
+        let (mut layer, mut x, mut y, mut shelf) = (0, 0, 0, 0);
+        for &i in &order {
+            let image = &scene.images[i];
+            if x + image.width > side {
+                (x, y, shelf) = (0, y + shelf, 0);
+            }
+            if y + image.height > side {
+                (layer, x, y, shelf) = (layer + 1, 0, 0, 0);
+            }
+            places[i] = [layer, x, y];
+            x += image.width;
+            shelf = shelf.max(image.height);
+        }
+        if layer >= gpu.capabilities.max_texture_layers {
+            return Err(GpuError::Device(format!(
+                "the textures fill {} layers of {side}x{side} texels; the adapter's limit is {}: scale them down",
+                layer + 1,
+                gpu.capabilities.max_texture_layers
+            )));
+        }
+        let array = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [side, side, layer + 1]);
+        for &i in &order {
+            let image = &scene.images[i];
+            let [layer, x, y] = places[i];
+            write_texture(gpu, &array, [x, y, layer], [image.width, image.height], 4, bytemuck::cast_slice(&image.texels));
+        }
+        Ok(Self { texture: array, bytes: 4 * u64::from(side) * u64::from(side) * u64::from(layer + 1), places, uses: Vec::new() })
+    }
+
+    /// Records a use and gives its index.
+    fn add(&mut self, scene: &Scene, reference: &TextureRef, channel: u32) -> u32 {
+        let texture = &scene.textures[reference.texture];
+        let image = &scene.images[texture.image];
+        let [layer, x, y] = self.places[texture.image];
+        let wrap = |w| match w {
+            Wrap::Repeat => 0,
+            Wrap::Mirror => 1,
+            Wrap::Clamp => 2,
+        };
+        let m = reference.transform;
+        let row = |f: fn(Vec2) -> f32| [f(m.matrix2.x_axis), f(m.matrix2.y_axis), f(m.translation)];
+        self.uses.push(layouts::TextureUse {
+            row_u: row(|v| v.x),
+            layer,
+            row_v: row(|v| v.y),
+            flags: wrap(texture.wrap[0])
+                | wrap(texture.wrap[1]) << 2
+                | u32::from(texture.filter == Filter::Linear) << 4
+                | u32::from(texture.srgb) << 5
+                | u32::from(reference.uv_set == 1) << 6
+                | channel << 8,
+            origin: [x, y],
+            size: [image.width, image.height],
+        });
+        self.uses.len() as u32 - 1
+    }
+
+    fn color(&mut self, scene: &Scene, color: &Color) -> ([f32; 3], u32) {
+        (color.factor.to_array(), color.texture.as_ref().map_or(NONE, |t| self.add(scene, t, 0)))
+    }
+
+    fn scalar(&mut self, scene: &Scene, scalar: &Scalar) -> (f32, u32) {
+        (scalar.factor, scalar.texture.as_ref().map_or(NONE, |(t, channel)| self.add(scene, t, *channel)))
+    }
+}
+
+fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material {
+    let mut out = layouts::Material {
+        specular: [1.0; 3],
+        eta: [1.5; 3],
+        specular_factor: 1.0,
+        base_texture: NONE,
+        roughness_texture: NONE,
+        metallic_texture: NONE,
+        specular_texture: NONE,
+        specular_factor_texture: NONE,
+        emission_texture: NONE,
+        normal_texture: NONE,
+        mask_texture: NONE,
+        ..Default::default()
+    };
+    match &m.bsdf {
+        Bsdf::Diffuse { reflectance } => (out.base, out.base_texture) = atlas.color(scene, reflectance),
+        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color } => {
+            out.model = 1;
+            (out.base, out.base_texture) = atlas.color(scene, base_color);
+            (out.metallic, out.metallic_texture) = atlas.scalar(scene, metallic);
+            (out.roughness, out.roughness_texture) = atlas.scalar(scene, roughness);
+            (out.specular_factor, out.specular_factor_texture) = atlas.scalar(scene, specular);
+            (out.specular, out.specular_texture) = atlas.color(scene, specular_color);
+            out.eta = [*ior; 3];
+        }
+        Bsdf::Conductor { alpha, fresnel, specular } => {
+            out.model = 2;
+            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
+            (out.specular, out.specular_texture) = atlas.color(scene, specular);
+            match fresnel {
+                Fresnel::None => out.flags |= FRESNEL_NONE,
+                Fresnel::Conductor { eta, k } => (out.eta, out.k) = (eta.to_array(), k.to_array()),
+            }
+        }
+        Bsdf::Plastic { alpha, diffuse, specular, eta, nonlinear } => {
+            out.model = 3;
+            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
+            (out.base, out.base_texture) = atlas.color(scene, diffuse);
+            (out.specular, out.specular_texture) = atlas.color(scene, specular);
+            out.eta = [*eta; 3];
+            if *nonlinear {
+                out.flags |= NONLINEAR;
+            }
+        }
+    }
+    if let Some(emission) = &m.emission {
+        (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);
+        if emission.two_sided {
+            out.flags |= EMITS_TWO_SIDED;
+        }
+    }
+    if let Some(normal_map) = &m.normal_map {
+        out.normal_texture = atlas.add(scene, &normal_map.texture, 0);
+        out.normal_scale = normal_map.scale;
+    }
+    if let Some(mask) = &m.alpha_mask {
+        out.flags |= MASKED;
+        (out.mask_value, out.mask_texture) = atlas.scalar(scene, &mask.value);
+        out.mask_cutoff = mask.cutoff;
+    }
+    out.flags |= match m.sides {
+        Sides::Two => TWO_SIDED,
+        Sides::One => 0,
+        Sides::OneCulled => CULLED,
+    };
+    out
+}

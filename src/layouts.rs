@@ -1,0 +1,186 @@
+//! Structs that shaders read, byte for byte. `tests/layouts.rs` compares names, offsets and sizes with the linked shaders.
+
+use bytemuck::{Pod, Zeroable};
+
+macro_rules! layouts {
+    ($($(#[$doc:meta])* struct $name:ident in $shader:literal { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* })*) => {
+        $(
+            $(#[$doc])*
+            #[repr(C)]
+            #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+            #[allow(missing_docs, reason = "the shader's struct of the same name documents its fields")]
+            pub struct $name { $($(#[$field_doc])* pub $field: $type,)* }
+        )*
+
+        /// For each struct: its name, a shader module that holds it, its size and its fields with their offsets.
+        #[must_use]
+        pub fn all() -> Vec<(&'static str, &'static str, usize, Vec<(&'static str, usize)>)> {
+            vec![$((
+                stringify!($name),
+                $shader,
+                size_of::<$name>(),
+                vec![$((stringify!($field), std::mem::offset_of!($name, $field)),)*],
+            )),*]
+        }
+    };
+}
+
+layouts! {
+    /// A vertex beside its position.
+    struct Attributes in "connect" {
+        normal: [f32; 3],
+        color: u32,
+        tangent: [f32; 4],
+        uv: [f32; 4],
+    }
+
+    /// Corners and material of a triangle.
+    struct Triangle in "connect" {
+        vertices: [u32; 3],
+        material: u32,
+    }
+
+    /// A material.
+    struct Material in "connect" {
+        base: [f32; 3],
+        model: u32,
+        specular: [f32; 3],
+        flags: u32,
+        eta: [f32; 3],
+        roughness: f32,
+        k: [f32; 3],
+        metallic: f32,
+        emission: [f32; 3],
+        specular_factor: f32,
+        normal_scale: f32,
+        mask_value: f32,
+        mask_cutoff: f32,
+        base_texture: u32,
+        roughness_texture: u32,
+        metallic_texture: u32,
+        specular_texture: u32,
+        specular_factor_texture: u32,
+        emission_texture: u32,
+        normal_texture: u32,
+        mask_texture: u32,
+        pad: u32,
+    }
+
+    /// One use of a texture by a material.
+    struct TextureUse in "connect" {
+        row_u: [f32; 3],
+        layer: u32,
+        row_v: [f32; 3],
+        flags: u32,
+        origin: [u32; 2],
+        size: [u32; 2],
+    }
+
+    /// A view, or where one will be.
+    struct View in "view_setup" {
+        origin: [f32; 3],
+        kind: u32,
+        right: [f32; 3],
+        exclude: u32,
+        up: [f32; 3],
+        scale: f32,
+        forward: [f32; 3],
+        resolution: u32,
+        normal: [f32; 3],
+        pad: u32,
+    }
+
+    /// What one iteration shares.
+    struct Frame in "connect" {
+        clip_from_world: [[f32; 4]; 4],
+        camera_position: [f32; 3],
+        orthographic: u32,
+        camera_right: [f32; 3],
+        width: u32,
+        camera_up: [f32; 3],
+        height: u32,
+        camera_forward: [f32; 3],
+        samples: f32,
+        jitter: [f32; 2],
+        light_kind: u32,
+        light_pdf_w: f32,
+        light_position: [f32; 3],
+        light_cos_inner: f32,
+        light_direction: [f32; 3],
+        light_cos_outer: f32,
+        light_intensity: [f32; 3],
+        light_falloff: u32,
+        sample_direction: [f32; 3],
+        sample_pdf: f32,
+        environment: [f32; 3],
+        environment_rows_at_poles: u32,
+        environment_from_world: [[f32; 4]; 3],
+        y2_random: [f32; 2],
+        beta: f32,
+        iteration: u32,
+    }
+
+    /// A strategy's constants.
+    struct Strategy in "connect" {
+        allowed: [f32; 3],
+        s: u32,
+        j: u32,
+        clamp_distance: f32,
+        pad0: u32,
+        pad1: u32,
+    }
+
+    /// What a view wanted and what it had.
+    struct Demand in "accumulate" {
+        vertices: u32,
+        nodes: u32,
+        item_room: u32,
+        node_room: u32,
+    }
+
+    /// A question to a view.
+    struct Query in "queries" {
+        position: [f32; 3],
+        triangle: u32,
+    }
+
+    /// A vertex of the light subpath; the host only needs its size.
+    struct LightVertex in "connect" {
+        position: [f32; 3],
+        triangle: u32,
+        ng: [f32; 3],
+        pdf_a: f32,
+        throughput: [f32; 3],
+        r1: f32,
+        wi: [f32; 3],
+        here: f32,
+        bsdf: [[f32; 4]; 5],
+        back: f32,
+        pad0: f32,
+        pad1: f32,
+        pad2: f32,
+    }
+
+    /// A vertex of an eye subpath; the host only needs its size.
+    struct EyeVertex in "connect" {
+        position: [f32; 3],
+        triangle: u32,
+        throughput: [f32; 3],
+        barycentric_y: f32,
+        wo: [f32; 3],
+        barycentric_z: f32,
+        here: f32,
+        back: f32,
+        previous: f32,
+        pad: f32,
+    }
+}
+
+impl View {
+    /// Nothing is in it and it hides everything.
+    pub const EMPTY: u32 = 2;
+    /// All directions from a point.
+    pub const PERSPECTIVE: u32 = 0;
+    /// One direction through the scene.
+    pub const PARALLEL: u32 = 1;
+}

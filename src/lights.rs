@@ -1,0 +1,138 @@
+//! Choosing a light and the direction of y1 (section 4.1), on the host: one of each per iteration.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use crate::scene::{Light, SpotFalloff};
+
+/// A light, as the shaders see it, with what choosing it cost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChosenLight {
+    /// Index into the scene's lights.
+    pub index: usize,
+    /// 0 point, 1 spot, 2 directional, 3 none.
+    pub kind: u32,
+    /// Metres; a directional light has none.
+    pub position: Vec3,
+    /// Axis of a spot, direction of travel of a directional light.
+    pub direction: Vec3,
+    /// Intensity (W/sr) or irradiance (W/m^2) over the probability of the choice.
+    pub intensity: Vec3,
+    /// Cosines of the inner and outer half angle.
+    pub cosines: [f32; 2],
+    /// 0 squared cosine, 1 linear angle.
+    pub falloff: u32,
+    /// Density of y1's direction per steradian, or per square metre across a directional light.
+    pub pdf: f32,
+}
+
+/// The lights of a scene with the probability of each.
+pub struct Lights {
+    lights: Vec<Light>,
+    cumulative: Vec<f32>,
+    radius: f32,
+    center: Vec3,
+}
+
+impl Lights {
+    /// Probabilities go with power; a directional light's power is what crosses the scene's sphere.
+    #[must_use]
+    pub fn new(lights: &[Light], center: Vec3, radius: f32) -> Self {
+        let disc = PI * radius * radius;
+        let power = |light: &Light| match *light {
+            Light::Point { intensity, .. } => 4.0 * PI * intensity.element_sum(),
+            Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity.element_sum(),
+            Light::Directional { irradiance, .. } => disc * irradiance.element_sum(),
+        };
+        let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0).collect();
+        let total: f64 = shining.iter().map(|l| f64::from(power(l))).sum();
+        let mut sum = 0.0;
+        let cumulative = shining
+            .iter()
+            .map(|l| {
+                sum += f64::from(power(l));
+                (sum / total) as f32
+            })
+            .collect();
+        Self { lights: shining, cumulative, radius, center }
+    }
+
+    /// Number of lights that shine.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Whether none shines.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.lights.is_empty()
+    }
+
+    /// Chooses a light by a number in [0, 1).
+    #[must_use]
+    pub fn choose(&self, u: f32) -> Option<ChosenLight> {
+        let index = self.cumulative.partition_point(|&c| c <= u).min(self.lights.len().checked_sub(1)?);
+        let below = if index == 0 { 0.0 } else { self.cumulative[index - 1] };
+        let probability = self.cumulative[index] - below;
+        let chosen = ChosenLight {
+            index,
+            kind: 0,
+            position: Vec3::ZERO,
+            direction: Vec3::ZERO,
+            intensity: Vec3::ZERO,
+            cosines: [1.0, -1.0],
+            falloff: 0,
+            pdf: 1.0 / (4.0 * PI),
+        };
+        Some(match self.lights[index] {
+            Light::Point { position, intensity } => ChosenLight { position, intensity: intensity / probability, ..chosen },
+            Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff } => ChosenLight {
+                kind: 1,
+                position,
+                direction,
+                intensity: intensity / probability,
+                cosines: [inner_angle.min(outer_angle).cos(), outer_angle.cos()],
+                falloff: u32::from(falloff == SpotFalloff::AngleLinear),
+                pdf: 1.0 / (2.0 * PI * (1.0 - outer_angle.cos()).max(1e-6)),
+                ..chosen
+            },
+            Light::Directional { direction, irradiance } => ChosenLight {
+                kind: 2,
+                position: self.center,
+                direction,
+                intensity: irradiance / probability,
+                pdf: 1.0 / (PI * self.radius * self.radius),
+                ..chosen
+            },
+        })
+    }
+
+    /// Direction of y1 from a chosen light, uniform over its sphere or cone; for a directional light, the point of the disc
+    /// across the scene's sphere that the ray passes through, relative to the scene's middle.
+    #[must_use]
+    pub fn sample_direction(&self, light: &ChosenLight, [u, v]: [f32; 2]) -> Vec3 {
+        let angle = 2.0 * PI * v;
+        if light.kind == 2 {
+            let (right, up) = light.direction.any_orthonormal_pair();
+            return (right * angle.cos() + up * angle.sin()) * (u.sqrt() * self.radius);
+        }
+        let (axis, lowest) = if light.kind == 1 { (light.direction, light.cosines[1]) } else { (Vec3::Z, -1.0) };
+        around(axis, 1.0 - u * (1.0 - lowest), angle)
+    }
+}
+
+/// Unit direction at a given cosine and azimuth around `axis`.
+#[must_use]
+pub fn around(axis: Vec3, cosine: f32, angle: f32) -> Vec3 {
+    let (right, up) = axis.any_orthonormal_pair();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    ((right * angle.cos() + up * angle.sin()) * sine + axis * cosine).normalize()
+}
+
+/// Uniform direction over the sphere.
+#[must_use]
+pub fn uniform_sphere([u, v]: [f32; 2]) -> Vec3 {
+    around(Vec3::Z, 1.0 - 2.0 * u, 2.0 * PI * v)
+}

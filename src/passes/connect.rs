@@ -1,0 +1,53 @@
+//! connect: joins z_j of every pixel to one vertex of the light subpath (eq. (3)-(8)); one run per strategy.
+//!
+//! Reads the eye vertices, the light vertices and the lists around the one that is joined. Adds to the iteration's image.
+//! Skipped without punctual lights.
+
+use crate::gpu::{Compute, Gpu};
+use crate::gpu_scene::GpuScene;
+use crate::view::ViewBuffers;
+
+/// The pass, for one number of light vertices.
+pub struct Connect(Compute);
+
+impl Connect {
+    /// Builds the pipeline for strategies with `s` light vertices. `clamped`: the paper's bounded geometry term.
+    #[must_use]
+    pub fn new(gpu: &Gpu, flags: &[&str], s: u32, clamped: bool) -> Self {
+        let label = ["connect_light", "connect_y1", "connect_y2"][s as usize - 1];
+        let mut flags = flags.to_vec();
+        if s == 1 {
+            flags.push("LIGHT");
+        }
+        if clamped {
+            flags.push("CLAMPED");
+        }
+        Self(Compute::new(gpu, label, "connect", &flags))
+    }
+
+    /// Records the pass.
+    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        frame: &wgpu::Buffer,
+        size: [u32; 2],
+        strategy: &wgpu::Buffer,
+        view: &ViewBuffers,
+        light_vertices: &wgpu::Buffer,
+        eye_vertices: &wgpu::Buffer,
+        radiance: &wgpu::Buffer,
+    ) {
+        let mut bindings = scene.with(&view.bindings());
+        bindings.extend([
+            ("frame", frame.as_entire_binding()),
+            ("strategy", strategy.as_entire_binding()),
+            ("light_vertices", light_vertices.as_entire_binding()),
+            ("eye_vertices", eye_vertices.as_entire_binding()),
+            ("radiance", radiance.as_entire_binding()),
+        ]);
+        self.0.record(gpu, encoder, size, &bindings);
+    }
+}

@@ -1,0 +1,45 @@
+//! extend: from z_j of every pixel along one ray-bundle to z_(j+1) (eq. (1)), and the light met there: strategies (0, j + 2).
+//!
+//! Reads the bundle's lists. Replaces the eye vertices; adds to the iteration's image. Skipped beyond the last vertex that
+//! anything joins.
+
+use crate::gpu::{Compute, Gpu};
+use crate::gpu_scene::GpuScene;
+use crate::view::ViewBuffers;
+
+/// The pass.
+pub struct Extend(Compute);
+
+impl Extend {
+    /// Builds the pipeline. `last`: only light that is met counts, no vertex is made.
+    #[must_use]
+    pub fn new(gpu: &Gpu, flags: &[&str], last: bool) -> Self {
+        let mut flags = flags.to_vec();
+        if last {
+            flags.push("LAST");
+        }
+        Self(Compute::new(gpu, "extend", "extend", &flags))
+    }
+
+    /// Records the pass.
+    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        frame: &wgpu::Buffer,
+        size: [u32; 2],
+        bundle: &ViewBuffers,
+        eye_vertices: &wgpu::Buffer,
+        radiance: &wgpu::Buffer,
+    ) {
+        let mut bindings = scene.with(&bundle.bindings());
+        bindings.extend([
+            ("frame", frame.as_entire_binding()),
+            ("eye_vertices", eye_vertices.as_entire_binding()),
+            ("radiance", radiance.as_entire_binding()),
+        ]);
+        self.0.record(gpu, encoder, size, &bindings);
+    }
+}

@@ -1,0 +1,35 @@
+//! queries: asks a view about many points at once; only tests and measurements run it.
+
+use crate::gpu::{Compute, Gpu};
+use crate::gpu_scene::GpuScene;
+use crate::view::ViewBuffers;
+
+/// The pass.
+pub struct Queries(Compute);
+
+impl Queries {
+    /// Builds the pipeline.
+    #[must_use]
+    pub fn new(gpu: &Gpu, flags: &[&str]) -> Self {
+        Self(Compute::new(gpu, "queries", "queries", flags))
+    }
+
+    /// Records `count` questions; answers are two words each (see the shader).
+    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        view: &ViewBuffers,
+        count: u32,
+        questions: &wgpu::Buffer,
+        answers: &wgpu::Buffer,
+    ) {
+        let mut bindings = scene.with(&view.bindings());
+        bindings.extend([("questions", questions.as_entire_binding()), ("answers", answers.as_entire_binding())]);
+        let groups = count.div_ceil(64);
+        let columns = groups.min(1 << 15).max(1);
+        self.0.record(gpu, encoder, [columns * 64, groups.div_ceil(columns)], &bindings);
+    }
+}

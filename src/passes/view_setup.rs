@@ -1,0 +1,34 @@
+//! view_setup: every triangle's record in a view, and which texels of which face it may touch.
+//!
+//! Reads the geometry and the view. Writes its records, draw items and vertex count. Skipped for the light's view while the
+//! light stays the same.
+
+use crate::gpu::{Compute, Gpu};
+use crate::gpu_scene::GpuScene;
+use crate::view::ViewBuffers;
+
+/// The pass.
+pub struct ViewSetup(Compute);
+
+impl ViewSetup {
+    /// Builds the pipeline.
+    #[must_use]
+    pub fn new(gpu: &Gpu) -> Self {
+        Self(Compute::new(gpu, "view_setup", "view_setup", &[]))
+    }
+
+    /// Records the pass for one view.
+    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: &ViewBuffers) {
+        // Rows of 2^15 workgroups: one dimension alone ends at 65535.
+        let groups = scene.triangles.div_ceil(64);
+        let columns = groups.min(1 << 15);
+        let threads = [columns * 64, groups.div_ceil(columns)];
+        let bindings = scene.with(&[
+            ("view", view.view.as_entire_binding()),
+            ("records", view.records.as_entire_binding()),
+            ("draw", view.draw.as_entire_binding()),
+            ("items", view.items.as_entire_binding()),
+        ]);
+        self.0.record(gpu, encoder, threads, &bindings);
+    }
+}

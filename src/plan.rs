@@ -1,0 +1,268 @@
+//! What one iteration does, decided before anything is allocated, and why.
+
+use std::fmt;
+
+use crate::gpu::Capabilities;
+use crate::layouts;
+use crate::scene::SceneStats;
+use crate::settings::{Settings, Strategies, Visibility};
+
+/// Most light vertices: the light, y1 and y2.
+const MOST_LIGHT_VERTICES: u32 = 3;
+
+/// A pass of the iteration.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct PlannedPass {
+    /// Its name.
+    pub name: &'static str,
+    /// Runs per iteration; 0: skipped.
+    pub runs: u32,
+    /// Why.
+    pub reason: String,
+}
+
+/// A connection of z_j with the light subpath's vertex s.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Connection {
+    /// Light vertices of the strategy.
+    pub s: u32,
+    /// Index of the eye vertex that is joined; the strategy has j + 1 eye vertices.
+    pub j: u32,
+    /// Which of s = 1, 2, 3 take part in MIS for paths of this length.
+    pub allowed: [bool; 3],
+    /// Whether the geometry term is bounded (the paper's (2, 3)).
+    pub clamped: bool,
+}
+
+/// An extension of z_j along a bundle.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Extension {
+    /// Index of the eye vertex that is extended.
+    pub j: u32,
+    /// Whether only light that it meets counts, and no vertex is made.
+    pub last: bool,
+}
+
+/// A pure value: the iteration's passes, shader flags, sizes and bytes.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FramePlan {
+    /// Passes, run or skipped, in order.
+    pub passes: Vec<PlannedPass>,
+    /// Flags of shaders that read surfaces.
+    pub surface_flags: Vec<&'static str>,
+    /// Flags of light that eye subpaths can meet.
+    pub light_flags: Vec<&'static str>,
+    /// Light vertices that exist: 0 without punctual lights, otherwise the light and up to two VPLs.
+    pub light_vertices: u32,
+    /// Connections in order.
+    pub connections: Vec<Connection>,
+    /// Extensions in order; each takes a bundle of its own.
+    pub extensions: Vec<Extension>,
+    /// Texels along a side of a bundle.
+    pub bundle_resolution: u32,
+    /// Texels along a side of a face around a light.
+    pub light_resolution: u32,
+    /// Texels along a side of a face around a VPL.
+    pub vpl_resolution: u32,
+    /// Whether lists are centre-sampled and depths compared.
+    pub fast: bool,
+    /// Bytes of buffers and textures beside the scene, at the start.
+    pub bytes: u64,
+}
+
+impl FramePlan {
+    /// Decides.
+    #[must_use]
+    pub fn new(stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
+        let bounces = settings.bounces;
+        let paper = settings.strategies == Strategies::Paper;
+        let light_vertices = match (stats.lights, settings.strategies) {
+            (0, _) => 0,
+            (_, Strategies::Bundle) => 1,
+            (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
+            _ => MOST_LIGHT_VERTICES.min(bounces + 1),
+        };
+        // A path of k bounces has strategies s = 1 ... min(light vertices, k + 1).
+        let allowed = |k: u32| -> [bool; 3] {
+            let most = light_vertices.min(k + 1);
+            std::array::from_fn(|i| {
+                let s = i as u32 + 1;
+                s <= most
+                    && match settings.strategies {
+                        Strategies::All | Strategies::Bundle => true,
+                        Strategies::Vpl => s == most,
+                        Strategies::Paper => k < 2 || (k == 2 && s == 2),
+                    }
+            })
+        };
+        let connections: Vec<_> = (1..=bounces + 1)
+            .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
+            .filter(|(j, s)| s + j - 2 <= bounces)
+            .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
+            .filter(|c| c.allowed[c.s as usize - 1])
+            .collect();
+        let meets = stats.environment || stats.emissive_triangles > 0;
+        // z_(j+1) is needed where something joins it or light can be met beyond.
+        let deepest = connections.iter().map(|c| c.j).max().unwrap_or(1);
+        let extensions: Vec<_> = (1..=bounces + u32::from(meets))
+            .map(|j| Extension { j, last: j == bounces + 1 })
+            .filter(|e| meets || e.j < deepest)
+            .collect();
+
+        let mut surface_flags = Vec::new();
+        let mut flag = |name, on: bool| {
+            if on {
+                surface_flags.push(name);
+            }
+        };
+        flag("TEXTURES", stats.texels > 0);
+        flag("VERTEX_COLORS", stats.vertex_colors);
+        flag("GLOSSY", stats.glossy_triangles > 0);
+        flag("MASKS", stats.masked_triangles > 0);
+        let mut light_flags = Vec::new();
+        if stats.emissive_triangles > 0 {
+            light_flags.push("EMISSION");
+        }
+        if stats.environment {
+            light_flags.push("ENVIRONMENT");
+        }
+        if stats.environment_map {
+            light_flags.push("ENVIRONMENT_MAP");
+        }
+
+        // Measured (README, "Resolution"): look-ups are fastest where a texel holds a few triangles, rasterization where there
+        // are few texels; both are shallow around a texel of about the triangles' size.
+        let fitting = |coarsest: u32, finest: u32, texels_per_unit: f32| {
+            let wanted = texels_per_unit / stats.mean_triangle_size.max(1e-4);
+            (wanted as u32).next_power_of_two().clamp(coarsest, finest)
+        };
+        let bundle_resolution = settings.bundle_resolution.unwrap_or_else(|| fitting(128, 512, 2.0));
+        let vpl_resolution = settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0));
+        let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, 512, 1.5));
+
+        let fast = settings.visibility == Visibility::Fast;
+        let mut plan = Self {
+            passes: Vec::new(),
+            surface_flags,
+            light_flags,
+            light_vertices,
+            connections,
+            extensions,
+            bundle_resolution,
+            light_resolution,
+            vpl_resolution,
+            fast,
+            bytes: 0,
+        };
+        plan.bytes = plan.count_bytes(stats, settings, capabilities);
+        plan.passes = plan.explain(stats, settings);
+        plan
+    }
+
+    /// Texels along a side and faces of each view: the light, the VPLs, then the bundles.
+    #[must_use]
+    pub fn views(&self) -> Vec<(u32, u32)> {
+        let mut views = Vec::new();
+        for s in 0..self.light_vertices {
+            views.push((if s == 0 { self.light_resolution } else { self.vpl_resolution }, 6));
+        }
+        views.extend(self.extensions.iter().map(|_| (self.bundle_resolution, 1)));
+        views
+    }
+
+    /// Draw items and nodes that a view starts with room for; both grow where a frame needs more.
+    #[must_use]
+    pub fn room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> [u64; 2] {
+        let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+        let words = if self.fast { 3 } else { 2 };
+        let nodes = (texels * 3 + triangles * 4).min((limit / 4 - texels) / words);
+        [(triangles * 2 + 1024).min(limit / 16), nodes]
+    }
+
+    /// 32-bit words of a node.
+    #[must_use]
+    pub fn node_words(&self) -> u64 {
+        if self.fast { 3 } else { 2 }
+    }
+
+    fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let triangles = stats.triangles as u64;
+        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + 16 + 32 + 8;
+        let views: u64 = self
+            .views()
+            .iter()
+            .map(|&(resolution, faces)| {
+                let [items, nodes] = self.room(triangles, resolution, faces, capabilities.max_binding_bytes);
+                let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+                triangles * 48 + items * 16 + 4 * (texels + nodes * self.node_words())
+            })
+            .sum();
+        pixels * per_pixel + views
+    }
+
+    fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
+        let mut out = Vec::new();
+        let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
+        let views = self.views().len() as u32;
+        let lights = stats.lights;
+        pass("view_setup", views, format!("once per view: {} around light vertices, {} bundles", self.light_vertices, self.extensions.len()));
+        pass("view_lists", views, "rasterizes each view; the light's own is kept while the light stays the same".to_owned());
+        pass(
+            "light_subpath",
+            self.light_vertices.saturating_sub(1),
+            match (lights, self.light_vertices) {
+                (0, _) => "no point, spot or directional light".to_owned(),
+                (_, 1) => "the strategies ask for no VPLs".to_owned(),
+                (_, n) => format!("{} VPLs", n - 1),
+            },
+        );
+        pass("gbuffer", 1, "z1 of every pixel".to_owned());
+        pass("eye_vertices", 1, "exact positions, and light that the camera sees".to_owned());
+        pass(
+            "connect",
+            self.connections.len() as u32,
+            if lights == 0 { "no point, spot or directional light".to_owned() } else { format!("strategies (s, t): {}", self.strategy_names()) },
+        );
+        let meets = stats.environment || stats.emissive_triangles > 0;
+        pass(
+            "extend",
+            self.extensions.len() as u32,
+            if meets {
+                format!("{} bounces and the light beyond them", settings.bounces)
+            } else if self.extensions.is_empty() {
+                "nothing joins or is met beyond z1".to_owned()
+            } else {
+                "nothing shines by itself, so the last vertex is the last that is joined".to_owned()
+            },
+        );
+        pass("accumulate", 1, "film".to_owned());
+        out
+    }
+
+    fn strategy_names(&self) -> String {
+        let names: Vec<_> = self.connections.iter().map(|c| format!("({}, {})", c.s, c.j + 1)).collect();
+        names.join(" ")
+    }
+}
+
+impl fmt::Display for FramePlan {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "{:<14} {:>4}  why", "pass", "runs")?;
+        for p in &self.passes {
+            let runs = if p.runs == 0 { "skip".to_owned() } else { p.runs.to_string() };
+            writeln!(f, "{:<14} {:>4}  {}", p.name, runs, p.reason)?;
+        }
+        writeln!(f, "surface code   {}", if self.surface_flags.is_empty() { "diffuse only".to_owned() } else { self.surface_flags.join(" ") })?;
+        writeln!(f, "light code     {}", if self.light_flags.is_empty() { "punctual only".to_owned() } else { self.light_flags.join(" ") })?;
+        writeln!(
+            f,
+            "views          bundles {}^2, light 6 x {}^2, VPLs 6 x {}^2, {}",
+            self.bundle_resolution,
+            self.light_resolution,
+            self.vpl_resolution,
+            if self.fast { "centre-sampled with depths (fast)" } else { "conservative with exact intersection (exact)" }
+        )?;
+        write!(f, "memory         {:.1} MB beside the scene", self.bytes as f64 * 1e-6)
+    }
+}

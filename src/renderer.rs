@@ -1,0 +1,197 @@
+//! Renders a scene by rasterization: owns the frame, runs iterations in batches, redoes those that ran out of room.
+
+use std::collections::BTreeMap;
+
+use crate::film::Film;
+use crate::frame::Frame;
+use crate::gpu::{Gpu, GpuError, PassTime, read_back};
+use crate::gpu_scene::GpuScene;
+use crate::lights::Lights;
+use crate::plan::FramePlan;
+use crate::scene::{Camera, Geometry, Scene, SceneStats};
+use crate::settings::Settings;
+
+/// Iterations between looks at the log.
+const BATCH: u32 = 8;
+
+/// Why a picture could not be rendered.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A setting that this scene or device cannot have.
+    #[error("{0}")]
+    Setting(String),
+}
+
+/// What a render did beside its picture.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct RenderStats {
+    /// Iterations in the picture.
+    pub samples: u64,
+    /// Values that were not finite.
+    pub non_finite: u64,
+    /// Nodes missing from the picture; always 0, since iterations that lose any are redone.
+    pub lost_nodes: u64,
+    /// Iterations that were redone with more room.
+    pub redone: u64,
+    /// Bytes on the device beside the scene.
+    pub bytes: u64,
+    /// Bytes of the scene on the device.
+    pub scene_bytes: u64,
+    /// Largest draw items and nodes that each view wanted.
+    pub demands: Vec<[u32; 2]>,
+    /// Device time and runs per pass.
+    pub passes: BTreeMap<&'static str, PassTime>,
+}
+
+/// A scene being rendered progressively.
+pub struct Renderer<'gpu> {
+    gpu: &'gpu Gpu,
+    scene: GpuScene,
+    lights: Lights,
+    camera: Camera,
+    settings: Settings,
+    plan: FramePlan,
+    frame: Frame,
+    samples: u64,
+    stats: RenderStats,
+}
+
+impl<'gpu> Renderer<'gpu> {
+    /// Uploads the scene and builds what its plan asks for.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] for an image that the device cannot hold or a camera that is not there, [`RenderError::Gpu`].
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        let geometry = Geometry::new(scene);
+        let stats = SceneStats::new(scene, &geometry);
+        let camera = scene
+            .cameras
+            .get(settings.camera)
+            .ok_or_else(|| RenderError::Setting(format!("there is no camera {}; the scene has {}", settings.camera, scene.cameras.len())))?
+            .clone();
+        let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
+        let side = gpu.capabilities.max_texture_side;
+        let bytes = u64::from(settings.width) * u64::from(settings.height) * 64;
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        if settings.width == 0 || settings.height == 0 || settings.width > side || settings.height > side || bytes > limit {
+            return Err(RenderError::Setting(format!(
+                "an image of {}x{} does not fit this device: sides go up to {side}, pixels up to {}; choose a smaller --size",
+                settings.width,
+                settings.height,
+                limit / 64
+            )));
+        }
+        let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
+        if largest > side {
+            return Err(RenderError::Setting(format!("a view of {largest} texels a side does not fit this device, whose limit is {side}")));
+        }
+        let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        let (center, radius) = gpu_scene.sphere();
+        let lights = Lights::new(&scene.lights, center, radius);
+        let frame = Frame::new(gpu, &gpu_scene, &plan, settings);
+        gpu.check()?;
+        Ok(Self {
+            gpu,
+            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            scene: gpu_scene,
+            lights,
+            camera,
+            settings: settings.clone(),
+            plan,
+            frame,
+            samples: 0,
+        })
+    }
+
+    /// What each iteration does.
+    #[must_use]
+    pub fn plan(&self) -> &FramePlan {
+        &self.plan
+    }
+
+    /// Adds iterations to the picture, in batches; `progress` is told how many it has and may stop it by returning false.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] where the device reports an error or cannot hold the lists that the scene needs.
+    pub fn render(&mut self, iterations: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.samples + iterations;
+        while self.samples < end {
+            let count = u64::from(BATCH).min(end - self.samples);
+            self.batch((self.samples..self.samples + count).collect())?;
+            self.samples += count;
+            if !progress(self.samples) {
+                break;
+            }
+        }
+        self.gpu.timings.collect(self.gpu)?;
+        Ok(())
+    }
+
+    /// Runs some iterations until all of them are in the film.
+    fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
+        loop {
+            for (index, &iteration) in iterations.iter().enumerate() {
+                self.frame.iterate(self.gpu, &self.scene, &self.camera, &self.lights, &self.settings, iteration, index as u32);
+            }
+            self.gpu.timings.collect(self.gpu)?;
+            let views = self.plan.views().len().max(1);
+            let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * views)?;
+            self.gpu.queue.write_buffer(&self.frame.log, 0, &vec![0; log.len() * 4]);
+            self.stats.non_finite += u64::from(log[0]);
+            let needed: Vec<[u32; 2]> = log[2..].chunks_exact(2).map(|c| [c[0], c[1]]).collect();
+            self.stats.demands.resize(needed.len(), [0; 2]);
+            for (most, now) in self.stats.demands.iter_mut().zip(&needed) {
+                *most = [most[0].max(now[0]), most[1].max(now[1])];
+            }
+            let skipped = log[1];
+            if skipped == 0 {
+                return Ok(());
+            }
+            let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
+            let words = self.plan.node_words();
+            for (&[_, nodes], &(resolution, faces)) in needed.iter().zip(&self.plan.views()) {
+                let bytes = 4 * (u64::from(resolution).pow(2) * u64::from(faces) + words * (u64::from(nodes) + u64::from(nodes) / 2));
+                if bytes > limit {
+                    return Err(RenderError::Setting(format!(
+                        "a view of {resolution}^2 texels needs {nodes} list nodes, more than this device can bind; choose a smaller \
+                         --bundle-resolution, --light-resolution or --vpl-resolution"
+                    )));
+                }
+            }
+            self.stats.redone += u64::from(skipped.count_ones());
+            log::info!("lists ran out of room in {} iterations; redoing them with more", skipped.count_ones());
+            self.frame.grow(self.gpu, &self.scene, &needed);
+            iterations = iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
+        }
+    }
+
+    /// The picture so far: the mean of all iterations.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn film(&self) -> Result<Film, RenderError> {
+        let pixels = (self.settings.width * self.settings.height) as usize;
+        let sums: Vec<[[f32; 4]; 2]> = read_back(self.gpu, &self.frame.film, pixels)?;
+        let n = self.samples.max(1) as f64;
+        let mean = |sum: f32, lost: f32| ((f64::from(sum) - f64::from(lost)) / n) as f32;
+        Ok(Film {
+            width: self.settings.width,
+            height: self.settings.height,
+            pixels: sums.iter().map(|[s, c]| [mean(s[0], c[0]), mean(s[1], c[1]), mean(s[2], c[2])]).collect(),
+        })
+    }
+
+    /// Counts and times so far.
+    #[must_use]
+    pub fn stats(&self) -> RenderStats {
+        RenderStats {
+            samples: self.samples,
+            bytes: self.frame.bytes(),
+            passes: self.gpu.timings.totals(),
+            ..self.stats.clone()
+        }
+    }
+}

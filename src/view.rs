@@ -1,0 +1,127 @@
+//! A view's buffers: where it looks, its triangle records, its draw items and its lists (shaders/lib/view.wesl).
+
+use glam::Vec3;
+
+use crate::gpu::Gpu;
+use crate::layouts;
+
+/// Buffers of one view. The passes fill them; [`ViewBuffers::reset`] empties them.
+pub struct ViewBuffers {
+    /// Texels along a side of a face.
+    pub resolution: u32,
+    /// 6 around a point, 1 for a bundle.
+    pub faces: u32,
+    /// Draw items that fit.
+    pub item_room: u64,
+    /// Nodes that fit.
+    pub node_room: u64,
+    /// Where it looks: a `View`.
+    pub view: wgpu::Buffer,
+    /// Three vectors per triangle.
+    pub records: wgpu::Buffer,
+    /// Indirect draw arguments.
+    pub draw: wgpu::Buffer,
+    /// What to draw.
+    pub items: wgpu::Buffer,
+    /// Heads, then nodes.
+    pub lists: wgpu::Buffer,
+    /// Nodes that were asked for.
+    pub node_count: wgpu::Buffer,
+}
+
+impl ViewBuffers {
+    /// Allocates a view with the given room.
+    #[must_use]
+    pub fn new(gpu: &Gpu, triangles: u32, resolution: u32, faces: u32, [item_room, node_room]: [u64; 2], node_words: u64) -> Self {
+        let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+        let out = Self {
+            resolution,
+            faces,
+            item_room,
+            node_room,
+            view: gpu.storage("view", size_of::<layouts::View>() as u64),
+            records: gpu.storage("records", u64::from(triangles) * 48),
+            draw: gpu.storage("draw", 16),
+            items: gpu.storage("items", item_room * 16),
+            lists: gpu.storage("lists", 4 * (texels + node_words * node_room)),
+            node_count: gpu.storage("node_count", 16),
+        };
+        out.look(gpu, &layouts::View { kind: layouts::View::EMPTY, exclude: u32::MAX, ..Default::default() });
+        out
+    }
+
+    /// Points the view somewhere; its resolution is filled in.
+    pub fn look(&self, gpu: &Gpu, view: &layouts::View) {
+        let view = layouts::View { resolution: self.resolution, ..*view };
+        gpu.queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
+    }
+
+    /// Texels of all faces.
+    #[must_use]
+    pub fn texels(&self) -> u64 {
+        u64::from(self.resolution) * u64::from(self.resolution) * u64::from(self.faces)
+    }
+
+    /// Pixels of the atlas that holds the faces.
+    #[must_use]
+    pub fn atlas(&self) -> [u32; 2] {
+        if self.faces == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
+    }
+
+    /// Records that the lists and the draw start empty.
+    pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, empty_draw: &wgpu::Buffer) {
+        encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels()));
+        encoder.clear_buffer(&self.node_count, 0, None);
+        encoder.copy_buffer_to_buffer(empty_draw, 0, &self.draw, 0, 16);
+    }
+
+    /// Bytes of all buffers.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        [&self.view, &self.records, &self.draw, &self.items, &self.lists, &self.node_count].iter().map(|b| b.size()).sum()
+    }
+
+    /// The bindings of group 2 (shaders/visibility/raster.wesl).
+    #[must_use]
+    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 3] {
+        [
+            ("view", self.view.as_entire_binding()),
+            ("lists", self.lists.as_entire_binding()),
+            ("records", self.records.as_entire_binding()),
+        ]
+    }
+}
+
+/// All directions from a point.
+#[must_use]
+pub fn perspective(origin: Vec3) -> layouts::View {
+    layouts::View { origin: origin.to_array(), kind: layouts::View::PERSPECTIVE, exclude: u32::MAX, ..Default::default() }
+}
+
+/// A bundle along unit `forward` through the box `bounds`, turned by `angle` and moved by `offset` texels of `resolution`.
+///
+/// The grid is as small as the box allows. In exact mode neither angle nor offset changes any answer; in fast mode they make
+/// the grid's error average out.
+#[must_use]
+pub fn parallel(forward: Vec3, bounds: [Vec3; 2], angle: f32, offset: [f32; 2], resolution: u32) -> layouts::View {
+    let (right, up) = forward.any_orthonormal_pair();
+    let (sin, cos) = angle.sin_cos();
+    let (right, up) = (right * cos + up * sin, up * cos - right * sin);
+    let center = 0.5 * (bounds[0] + bounds[1]);
+    let half = 0.5 * (bounds[1] - bounds[0]);
+    let extent = half.dot(right.abs()).max(half.dot(up.abs()));
+    // Two texels of margin: one for the offset, one for rounding.
+    let half_extent = if extent > 0.0 { extent * (1.0 + 4.0 / resolution as f32) } else { 1.0 };
+    let texel = 2.0 * half_extent / resolution as f32;
+    let origin = center + (right * (offset[0] - 0.5) + up * (offset[1] - 0.5)) * texel;
+    layouts::View {
+        origin: origin.to_array(),
+        kind: layouts::View::PARALLEL,
+        right: right.to_array(),
+        exclude: u32::MAX,
+        up: up.to_array(),
+        scale: 1.0 / half_extent,
+        forward: forward.to_array(),
+        ..Default::default()
+    }
+}
