@@ -1,7 +1,7 @@
 //! Scenes as plain data: what a file says, before any method looks at it.
 //!
 //! A [`Scene`] is meshes, instances, materials, textures, lights and a camera, in world units of metres and linear Rec. 709
-//! radiometry. Loaders build it ([`load`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
+//! radiometry. Loaders build it ([`load()`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
 //! upload and the CPU reference read that one flattening. Nothing here knows of a GPU or of an estimator.
 
 pub mod camera;

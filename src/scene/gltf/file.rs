@@ -207,8 +207,11 @@ fn parse_normal_transforms(text: &[u8]) -> Result<HashMap<usize, TextureTransfor
     Ok(transforms.enumerate().filter_map(|(i, t)| Some((i, t?))).collect())
 }
 
-/// Splits a GLB into JSON and binary chunk; on failure says where and why.
-fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), (String, String)> {
+/// The JSON and the binary chunk of a GLB.
+type Chunks<'a> = (&'a [u8], Option<&'a [u8]>);
+
+/// Splits a GLB into its chunks; on failure says where and why.
+fn split_glb(bytes: &[u8]) -> Result<Chunks<'_>, (String, String)> {
     let word = |at: usize| {
         let four = bytes.get(at..at.checked_add(4)?)?;
         Some(u32::from_le_bytes([four[0], four[1], four[2], four[3]]))

@@ -53,10 +53,12 @@ impl Materials {
         has_colors: bool,
     ) -> Result<Material, LoadError> {
         let place = format!("materials[{index}]");
+        check_numbers(file, scene, &place, material)?;
         let name = material.name.clone().unwrap_or_else(|| place.clone());
         let pbr = &material.pbr_metallic_roughness;
         let extensions = material.extensions.as_ref();
-        let factor = Vec4::from(pbr.base_color_factor.0);
+        let factor = Vec4::from(pbr.base_color_factor.0).clamp(Vec4::ZERO, Vec4::ONE);
+        let unit = |value: f32| value.clamp(0.0, 1.0);
         let at = |part: &str| format!("{place}.{part}");
         let mut texture = |info: &Option<Info>, part: &str, srgb: bool| {
             let Some(info) = info else { return Ok(None) };
@@ -73,7 +75,7 @@ impl Materials {
         let mut specular_color = Color::from(Vec3::ONE);
         if let Some(s) = extensions.and_then(|e| e.specular.as_ref()) {
             let strength = texture(&s.specular_texture, "KHR_materials_specular.specularTexture", false)?;
-            specular = Scalar { factor: s.specular_factor.0, texture: strength.map(|t| (t, 3)) };
+            specular = Scalar { factor: unit(s.specular_factor.0), texture: strength.map(|t| (t, 3)) };
             let color = texture(&s.specular_color_texture, "KHR_materials_specular.specularColorTexture", true)?;
             specular_color = Color { factor: Vec3::from(s.specular_color_factor.0), texture: color };
         }
@@ -92,8 +94,8 @@ impl Materials {
             name: name.clone(),
             bsdf: Bsdf::MetallicRoughness {
                 base_color,
-                metallic: Scalar { factor: pbr.metallic_factor.0, texture: metal_rough.map(|t| (t, 2)) },
-                roughness: Scalar { factor: pbr.roughness_factor.0, texture: metal_rough.map(|t| (t, 1)) },
+                metallic: Scalar { factor: unit(pbr.metallic_factor.0), texture: metal_rough.map(|t| (t, 2)) },
+                roughness: Scalar { factor: unit(pbr.roughness_factor.0), texture: metal_rough.map(|t| (t, 1)) },
                 ior,
                 specular,
                 specular_color,
@@ -147,6 +149,7 @@ impl Materials {
         srgb: bool,
     ) -> Result<Option<TextureRef>, LoadError> {
         let texture = file.get(index, place, "textures")?;
+        let referrer = place;
         let place = format!("textures[{}]", index.value());
         // The parser says u32::MAX where there is no source, as with images of KTX2 or WebP alone.
         if texture.source.value() == u32::MAX as usize {
@@ -185,6 +188,9 @@ impl Materials {
         };
         let mut affine = Affine2::IDENTITY;
         if let Some(t) = transform {
+            if ![t.rotation.0].iter().chain(&t.offset.0).chain(&t.scale.0).all(|v| v.is_finite()) {
+                return Err(file.error(referrer, "the texture transform is not finite"));
+            }
             // KHR_texture_transform: translation * rotation * scale, the rotation counter-clockwise with v down.
             affine = Affine2::from_scale_angle_translation(t.scale.0.into(), -t.rotation.0, Vec2::from(t.offset.0));
             uv_set = t.tex_coord.unwrap_or(uv_set);
@@ -217,6 +223,30 @@ impl Materials {
             })
             .collect()
     }
+}
+
+/// Refuses numbers that are not finite or below zero, and says when those of the unit interval are clamped to it.
+fn check_numbers(file: &File, scene: &mut Scene, place: &str, material: &JsonMaterial) -> Result<(), LoadError> {
+    let pbr = &material.pbr_metallic_roughness;
+    let extensions = material.extensions.as_ref();
+    let mut units = pbr.base_color_factor.0.to_vec();
+    units.extend([pbr.metallic_factor.0, pbr.roughness_factor.0]);
+    let mut numbers = material.emissive_factor.0.to_vec();
+    if let Some(s) = extensions.and_then(|e| e.specular.as_ref()) {
+        units.push(s.specular_factor.0);
+        numbers.extend(s.specular_color_factor.0);
+    }
+    numbers.extend(extensions.and_then(|e| e.ior.as_ref()).map(|i| i.ior.0));
+    numbers.extend(extensions.and_then(|e| e.emissive_strength.as_ref()).map(|s| s.emissive_strength.0));
+    numbers.extend(material.normal_texture.as_ref().map(|n| n.scale.abs()));
+    // The product with the factor has to stay finite, too.
+    if let Some(number) = numbers.iter().find(|n| !(0.0..1e18).contains(*n)) {
+        return Err(file.error(place, format!("a value of {number} is out of range")));
+    }
+    if units.iter().any(|u| !(0.0..=1.0).contains(u)) {
+        scene.warn(format!("{place} has factors outside [0, 1]: they are clamped"));
+    }
+    Ok(())
 }
 
 fn alpha_mask(
