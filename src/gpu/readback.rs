@@ -6,7 +6,7 @@ use super::{Gpu, GpuError};
 ///
 /// # Errors
 /// [`GpuError::Device`] where the device was lost or refused.
-pub fn read_back<T: bytemuck::AnyBitPattern>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
+pub fn read_back<T: bytemuck::Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
     let bytes = (count * size_of::<T>()) as u64;
     if bytes == 0 {
         return Ok(Vec::new());

@@ -1,17 +1,20 @@
 //! Scenes as plain data: what a file says, before any method looks at it.
 //!
 //! A [`Scene`] is meshes, instances, materials, textures, lights and a camera, in world units of metres and linear Rec. 709
-//! radiometry. Loaders build it ([`load`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
+//! radiometry. Loaders build it ([`load()`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
 //! upload and the CPU reference read that one flattening. Nothing here knows of a GPU or of an estimator.
 
 pub mod camera;
 pub mod environment;
 pub mod error;
 pub mod geometry;
+pub mod gltf;
 pub mod light;
+pub mod load;
 pub mod material;
 pub mod mesh;
 pub mod stats;
+pub mod tangents;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Projection};
@@ -19,6 +22,7 @@ pub use environment::{Environment, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
 pub use light::{Light, SpotFalloff};
+pub use load::load;
 pub use material::{AlphaMask, Bsdf, Color, Emission, Fresnel, Material, NormalMap, Scalar, Sides};
 pub use mesh::{Instance, Mesh};
 pub use stats::SceneStats;

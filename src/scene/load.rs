@@ -1,0 +1,165 @@
+//! Loading by name: picks the loader, checks what it made, and adds what no picture can do without.
+
+use std::path::Path;
+
+use glam::{Affine3A, Vec2, Vec3, Vec4};
+
+use super::{Camera, Environment, FovAxis, Light, LoadError, Mesh, Projection, Scene, gltf};
+
+/// Most triangles of all instances together: corners have to be countable in 32 bits, with room for acceleration structures.
+const MAX_TRIANGLES: usize = 1 << 28;
+
+/// Loads a scene from a .gltf, .glb or Mitsuba .xml file, or a built-in one as `builtin:NAME`.
+///
+/// The result is safe to render: indices are in range, positions finite, at least one camera and one light are there.
+///
+/// # Errors
+/// Whatever is wrong with the file, with the place and the cause.
+pub fn load(spec: &str) -> Result<Scene, LoadError> {
+    if let Some(name) = spec.strip_prefix("builtin:") {
+        return Err(LoadError::new(spec, format!("there is no built-in scene `{name}`")));
+    }
+    let path = Path::new(spec);
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let mut scene = match extension.as_str() {
+        "gltf" | "glb" => gltf::load(path)?,
+        _ => {
+            return Err(LoadError::new(spec, "not a scene: expected .gltf, .glb, .xml (Mitsuba) or builtin:NAME"));
+        }
+    };
+    scene.name = spec.to_owned();
+    finish(&mut scene, path)?;
+    Ok(scene)
+}
+
+/// Checks and completes what a loader made.
+///
+/// # Errors
+/// Positions that are not finite, indices out of range, too many triangles.
+pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
+    for i in 0..scene.meshes.len() {
+        check_mesh(scene, i).map_err(|cause| {
+            let name = &scene.meshes[i].name;
+            LoadError::at(path, format!("mesh {i} `{name}`"), cause)
+        })?;
+        let repaired = repair(&mut scene.meshes[i]);
+        if repaired > 0 {
+            let name = &scene.meshes[i].name;
+            scene.warn(format!("mesh `{name}`: {repaired} normals, tangents, texture coordinates or colours are not finite: they are replaced"));
+        }
+    }
+    let bounds = check_instances(scene).map_err(|(i, cause)| LoadError::at(path, format!("instance {i}"), cause))?;
+    for (i, texture) in scene.textures.iter().enumerate() {
+        if texture.image >= scene.images.len() {
+            let cause = format!("image {} of {}", texture.image, scene.images.len());
+            return Err(LoadError::at(path, format!("texture {i}"), cause));
+        }
+    }
+    if scene.instances.is_empty() {
+        scene.warn("the scene has no surface");
+    }
+    if scene.cameras.is_empty() {
+        scene.cameras.push(framing_camera(bounds));
+        scene.warn("the scene has no camera: one that frames it from the front, right and above is added");
+    }
+    let shines = |material: usize| scene.materials[material].emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO);
+    let emissive = scene.instances.iter().any(|i| shines(scene.meshes[i.mesh].material));
+    if scene.lights.is_empty() && scene.environment.is_none() && !emissive {
+        add_daylight(scene);
+        scene.warn("the scene has no light: a sky and a sun are added");
+    }
+    Ok(())
+}
+
+/// A blue sky and a warm sun, in units that leave a white surface in the sun at a radiance near 1.
+fn add_daylight(scene: &mut Scene) {
+    scene.environment = Some(Environment {
+        radiance: Vec3::new(0.4, 0.5, 0.7),
+        map: None,
+        world_from_environment: glam::Mat3::IDENTITY,
+    });
+    scene.lights.push(Light::Directional {
+        // High enough to reach the floor of a courtyard.
+        direction: Vec3::new(-0.25, -1.0, -0.35).normalize(),
+        irradiance: Vec3::new(3.0, 2.8, 2.4),
+    });
+}
+
+/// Looks at the middle of the bounds from a direction in which their sphere just fits the image.
+fn framing_camera([low, high]: [Vec3; 2]) -> Camera {
+    let fov = 45_f32.to_radians();
+    let radius = (0.5 * (high - low).length()).max(1e-3);
+    let direction = Vec3::new(0.6, 0.45, 1.0).normalize();
+    let centre = 0.5 * (low + high);
+    let eye = centre + direction * (radius / (0.5 * fov).sin());
+    let x = Vec3::Y.cross(direction).normalize();
+    let matrix3 = glam::Mat3::from_cols(x, direction.cross(x), direction);
+    Camera {
+        name: "default".to_owned(),
+        world_from_camera: Affine3A::from_mat3_translation(matrix3, eye),
+        projection: Projection::Perspective { fov, axis: FovAxis::Smaller },
+        film_size: None,
+    }
+}
+
+fn check_mesh(scene: &Scene, index: usize) -> Result<(), String> {
+    let mesh = &scene.meshes[index];
+    let count = mesh.positions.len();
+    if let Some(v) = mesh.positions.iter().position(|p| !p.is_finite()) {
+        return Err(format!("vertex {v} is not finite: {}", mesh.positions[v]));
+    }
+    let lengths = [
+        ("normals", mesh.normals.len()),
+        ("tangents", mesh.tangents.len()),
+        ("uvs", mesh.uvs[0].len()),
+        ("uvs of the second set", mesh.uvs[1].len()),
+        ("colours", mesh.colors.len()),
+    ];
+    if let Some((name, length)) = lengths.into_iter().find(|&(_, length)| length != 0 && length != count) {
+        return Err(format!("{length} {name} for {count} vertices"));
+    }
+    if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
+        return Err(format!("triangle {t} refers to vertices {:?} of {count}", mesh.triangles[t]));
+    }
+    if mesh.material >= scene.materials.len() {
+        return Err(format!("refers to material {} of {}", mesh.material, scene.materials.len()));
+    }
+    Ok(())
+}
+
+/// Replaces attributes that are not finite by neutral ones; returns how many there were.
+fn repair(mesh: &mut Mesh) -> usize {
+    let mut repaired = 0;
+    let mut neutral = |finite: bool| {
+        repaired += usize::from(!finite);
+        !finite
+    };
+    mesh.normals.iter_mut().filter(|n| neutral(n.is_finite())).for_each(|n| *n = Vec3::ZERO);
+    mesh.tangents.iter_mut().filter(|t| neutral(t.is_finite())).for_each(|t| *t = Vec4::ZERO);
+    mesh.uvs.iter_mut().flatten().filter(|t| neutral(t.is_finite())).for_each(|t| *t = Vec2::ZERO);
+    mesh.colors.iter_mut().filter(|c| neutral(c.is_finite())).for_each(|c| *c = Vec4::ONE);
+    repaired
+}
+
+/// World-space bounds; on failure the instance at fault and the cause.
+fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String)> {
+    let mut bounds: Option<[Vec3; 2]> = None;
+    let mut triangles = 0_usize;
+    for (i, instance) in scene.instances.iter().enumerate() {
+        let Some(mesh) = scene.meshes.get(instance.mesh) else {
+            return Err((i, format!("refers to mesh {} of {}", instance.mesh, scene.meshes.len())));
+        };
+        triangles += mesh.triangles.len();
+        if triangles > MAX_TRIANGLES {
+            return Err((i, format!("the scene has more than {MAX_TRIANGLES} triangles")));
+        }
+        for (v, &position) in mesh.positions.iter().enumerate() {
+            let p = instance.world_from_local.transform_point3(position);
+            if !p.is_finite() {
+                return Err((i, format!("vertex {v} of mesh `{}` lies at {p} in the world", mesh.name)));
+            }
+            bounds = Some(bounds.map_or([p; 2], |[low, high]| [low.min(p), high.max(p)]));
+        }
+    }
+    Ok(bounds.unwrap_or_default())
+}
