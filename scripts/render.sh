@@ -35,4 +35,5 @@ cargo build --locked --bin lightsheaf
 cd "$start"
 "${CARGO_TARGET_DIR:-$root/target}/debug/lightsheaf" render "$scene" "$@"
 case $picture in /*) ;; *) picture=$start/$picture ;; esac
-echo "The picture is $picture"
+# `--help` renders nothing.
+[[ ! -e $picture ]] || echo "The picture is $picture"
