@@ -1,0 +1,124 @@
+#!/usr/bin/env bash
+# Installs what Lightsheaf needs and this machine lacks; says what and why. Touches nothing where nothing is missing.
+#
+#   a C++ compiler     Rust links with it, and the FLIP metric is C++
+#   a Vulkan loader    finds the drivers (not needed on macOS, which has Metal)
+#   a Vulkan device    a GPU's driver; where there is none, Mesa's software driver, which renders on the CPU
+#
+# Knows Debian 12 (Mesa from backports, whose version has ray queries), Debian 13 and Ubuntu 24.04 or later. Elsewhere it
+# says what to install. With --check it only says what is missing, and fails if anything is.
+set -euo pipefail
+
+say() { printf 'setup: %s\n' "$*" >&2; }
+fail() { printf 'error: %s\n' "$*" >&2; exit 2; }
+
+# --- What is there -----------------------------------------------------------------------------------------------------
+
+libraries=""
+known_library() { # by absolute path, or by a name that the dynamic linker finds
+    if [[ $1 == */* ]]; then [[ -e $1 ]]; else [[ $libraries == *"$1 ("* ]]; fi
+}
+
+# A driver counts when its manifest's library is there and so is a device node that it can drive. Software drivers need none.
+has_device() {
+    local manifests manifest text library
+    shopt -s nullglob
+    if [[ -n ${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}} ]]; then
+        IFS=: read -ra manifests <<<"${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}"
+    else
+        manifests=("${XDG_CONFIG_HOME:-$HOME/.config}"/vulkan/icd.d/*.json "${XDG_DATA_HOME:-$HOME/.local/share}"/vulkan/icd.d/*.json
+            /etc/xdg/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json /usr/local/{etc,share}/vulkan/icd.d/*.json /usr/share/vulkan/icd.d/*.json)
+    fi
+    local nvidia=(/dev/nvidia[0-9]*) render=(/dev/dri/renderD* /dev/dx[g])
+    for manifest in ${manifests[@]+"${manifests[@]}"}; do
+        [[ -r $manifest ]] || continue
+        text=$(<"$manifest")
+        [[ $text =~ \"library_path\"[[:space:]]*:[[:space:]]*\"([^\"]+)\" ]] || continue
+        library=${BASH_REMATCH[1]}
+        [[ $library == ./* || $library == ../* ]] && library=$(dirname "$manifest")/$library
+        known_library "$library" || continue
+        case $library in
+            *lvp* | *swiftshader*) return 0 ;;
+            *nvidia*) [[ ${#nvidia[@]} -gt 0 ]] && return 0 ;;
+            *) [[ ${#render[@]} -gt 0 ]] && return 0 ;;
+        esac
+    done
+    return 1
+}
+
+missing=()
+look() {
+    missing=()
+    command -v c++ >/dev/null && command -v cc >/dev/null || missing+=(compiler)
+    [[ $(uname) == Darwin ]] && return 0
+    libraries=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null || true)
+    known_library libvulkan.so.1 || missing+=(loader)
+    has_device || missing+=(driver)
+}
+
+reason() {
+    case $1 in
+        compiler) echo "a C++ compiler (Rust links with it, and the FLIP metric is C++)" ;;
+        loader) echo "the Vulkan loader libvulkan.so.1 (finds graphics drivers)" ;;
+        driver) echo "a Vulkan device (none was found; Mesa's software driver renders on the CPU)" ;;
+    esac
+}
+
+# --- What is missing ---------------------------------------------------------------------------------------------------
+
+look
+[[ ${#missing[@]} -eq 0 ]] && exit 0
+for thing in "${missing[@]}"; do say "missing: $(reason "$thing")"; done
+[[ ${1:-} == --check ]] && exit 1
+
+ID="" VERSION_ID="" VERSION_CODENAME=""
+# shellcheck disable=SC1091
+[[ -r /etc/os-release ]] && . /etc/os-release
+case $ID:${VERSION_ID:-99} in
+    debian:12) backports=yes ;;
+    debian:1[3-9] | debian:99 | ubuntu:24.04 | ubuntu:24.10 | ubuntu:2[5-9].*) backports="" ;;
+    *) fail "this system (${PRETTY_NAME:-$(uname)}) is not one that this script knows (Debian 12 and 13, Ubuntu 24.04); install what is missing and start again" ;;
+esac
+
+as_root=()
+if [[ $(id -u) -ne 0 ]]; then
+    command -v sudo >/dev/null || fail "installing packages needs root: install sudo, or run scripts/setup.sh as root once"
+    as_root=(sudo)
+    [[ -t 0 ]] || as_root+=(-n)
+fi
+apt() {
+    say "running: ${as_root[*]+"${as_root[*]} "}apt-get $*"
+    ${as_root[@]+"${as_root[@]}"} env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=120 "$@" >&2 </dev/null ||
+        fail "apt-get $1 failed: see its messages above"
+}
+
+packages=() from_backports=()
+for thing in "${missing[@]}"; do
+    case $thing in
+        compiler) packages+=(g++) ;;
+        loader) packages+=(libvulkan1) ;;
+        driver) if [[ $backports ]]; then from_backports+=(mesa-vulkan-drivers); else packages+=(mesa-vulkan-drivers); fi ;;
+    esac
+done
+
+if [[ ${#from_backports[@]} -gt 0 ]] && ! grep -rqsE '^[^#]*bookworm-backports' /etc/apt/sources.list /etc/apt/sources.list.d/; then
+    # The mirror that the machine uses already, or Debian's own.
+    mirror=$(apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
+        sed -n 's/^bookworm \(.*[^/]\)\/*$/\1/p' | head -n 1) || mirror=""
+    list=/etc/apt/sources.list.d/lightsheaf-backports.list
+    say "adding $list: Debian 12's own Mesa (22.3) has no ray queries, the one in backports has"
+    key=/usr/share/keyrings/debian-archive-keyring.gpg
+    signed=""
+    [[ -e $key ]] && signed="[signed-by=$key] "
+    echo "deb ${signed}${mirror:-http://deb.debian.org/debian} bookworm-backports main" |
+        ${as_root[@]+"${as_root[@]}"} tee "$list" >/dev/null
+fi
+
+say "installing: ${packages[*]+"${packages[*]} "}${from_backports[*]+"${from_backports[*]}"}"
+apt update
+[[ ${#packages[@]} -eq 0 ]] || apt install -y --no-install-recommends "${packages[@]}"
+[[ ${#from_backports[@]} -eq 0 ]] || apt install -y --no-install-recommends -t bookworm-backports "${from_backports[@]}"
+
+look
+[[ ${#missing[@]} -eq 0 ]] || fail "still missing after installing: $(reason "${missing[0]}")"
+say "done"

@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Everything that has to hold: formatting, lints, tests, documentation; the same here and in CI.
+#
+# REQUIRE_GPU=1 turns tests that find no Vulkan device from skipped into failed.
+set -euo pipefail
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+PATH=$PATH:$HOME/.cargo/bin
+scripts/setup.sh
+command -v cargo >/dev/null || { echo "error: cargo is not there: install Rust from https://rustup.rs" >&2; exit 2; }
+for component in rustfmt clippy; do
+    command -v "cargo-${component/rustfmt/fmt}" >/dev/null && "cargo-${component/rustfmt/fmt}" --version >/dev/null 2>&1 && continue
+    command -v rustup >/dev/null || { echo "error: $component is not there: install it beside cargo" >&2; exit 2; }
+    echo "setup: installing the Rust component $component (the checks run it)" >&2
+    rustup component add "$component"
+done
+
+step() {
+    printf '\n== %s\n' "$*"
+    local began=$SECONDS
+    "$@" </dev/null
+    printf '== took %d s\n' $((SECONDS - began))
+}
+
+step cargo fmt --all --check
+step cargo clippy --locked --all-targets -- -D warnings
+step cargo test --locked
+RUSTDOCFLAGS="-D warnings" step cargo doc --locked --no-deps
+printf '\nAll passed.\n'
