@@ -1,4 +1,5 @@
 //! lightsheaf
 pub mod film;
 pub mod metrics;
+pub mod reference;
 pub mod scene;
