@@ -35,12 +35,24 @@ impl<'a> Loader<'a> {
             projection
         };
         plugin.ignore(&[
-            "near_clip", "far_clip", "focus_distance", "aperture_radius", "kc", "shutter_open", "shutter_close",
+            "near_clip",
+            "far_clip",
+            "focus_distance",
+            "aperture_radius",
+            "kc",
+            "shutter_open",
+            "shutter_close",
         ]);
         plugin.nested("sampler");
         self.finish(&plugin);
-        let name = element.attribute("id").map_or_else(|| format!("sensor {}", self.scene.cameras.len()), str::to_owned);
-        self.scene.cameras.push(Camera { name, world_from_camera: camera_frame, projection, film_size: Some((width, height)) });
+        let name =
+            element.attribute("id").map_or_else(|| format!("sensor {}", self.scene.cameras.len()), str::to_owned);
+        self.scene.cameras.push(Camera {
+            name,
+            world_from_camera: camera_frame,
+            projection,
+            film_size: Some((width, height)),
+        });
         Ok(())
     }
 

@@ -23,7 +23,10 @@ pub(super) fn parse(path: &Path, bytes: &[u8], index: usize) -> Result<(Mesh, bo
         return Err(LoadError::new(path, "is not a serialized mesh of version 3 or 4"));
     };
     let start = offset(bytes, version, index).map_err(error)?;
-    let stream = bytes.get(start..).filter(|b| b.len() > 4).ok_or_else(|| error("its offset lies outside the file".to_owned()))?;
+    let stream = bytes
+        .get(start..)
+        .filter(|b| b.len() > 4)
+        .ok_or_else(|| error("its offset lies outside the file".to_owned()))?;
     let mut reader = BufReader::new(flate2::read::ZlibDecoder::new(&stream[4..]));
     read_mesh(&mut reader, version).map_err(error)
 }

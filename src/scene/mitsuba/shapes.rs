@@ -88,7 +88,8 @@ impl<'a> Loader<'a> {
                 self.warn("spheres are drawn as 8064 triangles with smooth normals");
                 let center = plugin.vector("center")?.unwrap_or(Vec3::ZERO).as_dvec3();
                 let radius = plugin.float("radius")?.unwrap_or(1.0);
-                to_world = to_world * DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(f64::from(radius)));
+                to_world =
+                    to_world * DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(f64::from(radius)));
                 sphere(64, 64)
             }
             "cylinder" => {
@@ -100,7 +101,8 @@ impl<'a> Loader<'a> {
                     return Err(element.error("the cylinder's ends are the same point"));
                 };
                 let (s, t) = axis.any_orthonormal_pair();
-                let columns = [(s * radius).extend(0.0), (t * radius).extend(0.0), (p1 - p0).extend(0.0), p0.extend(1.0)];
+                let columns =
+                    [(s * radius).extend(0.0), (t * radius).extend(0.0), (p1 - p0).extend(0.0), p0.extend(1.0)];
                 to_world *= DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]);
                 cylinder(128)
             }
@@ -120,7 +122,10 @@ impl<'a> Loader<'a> {
         plugin.ignore(&["silhouette_sampling_weight", "center", "radius"]);
         for tag in ["medium", "subsurface"] {
             if !plugin.nested(tag).is_empty() {
-                self.warn(format!("{}: participating media are not supported; only its surface is drawn", element.title()));
+                self.warn(format!(
+                    "{}: participating media are not supported; only its surface is drawn",
+                    element.title()
+                ));
             }
         }
         self.finish(&plugin);
@@ -216,7 +221,10 @@ impl<'a> Loader<'a> {
         };
         if let Some(frame) = frame {
             if mesh.uvs[0].is_empty() {
-                self.scene.warn(format!("`{}` has no texture coordinates, so its normal or bump map is not drawn", mesh.name));
+                self.scene.warn(format!(
+                    "`{}` has no texture coordinates, so its normal or bump map is not drawn",
+                    mesh.name
+                ));
             }
             if mesh.normals.is_empty() {
                 split_flat(mesh);

@@ -119,7 +119,12 @@ impl<'a> Plugin<'a> {
     }
 
     /// A colour without texture.
-    pub fn color(&self, name: &str, use_: spectra::Use, folders: &[std::path::PathBuf]) -> Result<Option<Vec3>, LoadError> {
+    pub fn color(
+        &self,
+        name: &str,
+        use_: spectra::Use,
+        folders: &[std::path::PathBuf],
+    ) -> Result<Option<Vec3>, LoadError> {
         self.get(name).map(|e| spectra::color(e, use_, folders)).transpose()
     }
 }

@@ -128,8 +128,9 @@ impl Reader {
         })?;
         let document = roxmltree::Document::parse(&text)
             .map_err(|e| LoadError::at(path, format!("line {}", e.pos().row), format!("is not valid XML: {e}")))?;
-        let line_starts: Vec<usize> =
-            std::iter::once(0).chain(text.bytes().enumerate().filter(|&(_, b)| b == b'\n').map(|(i, _)| i + 1)).collect();
+        let line_starts: Vec<usize> = std::iter::once(0)
+            .chain(text.bytes().enumerate().filter(|&(_, b)| b == b'\n').map(|(i, _)| i + 1))
+            .collect();
         let root = document.root_element();
         let major = root.attribute("version").and_then(|v| v.split('.').next()?.trim().parse::<u32>().ok());
         let source = Source { file: path.into(), line_starts, legacy: major.is_some_and(|v| v < 2) };
