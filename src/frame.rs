@@ -297,7 +297,6 @@ impl Frame {
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "everything that an iteration depends on")]
     fn describe(
         &self,
         scene: &GpuScene,

@@ -213,7 +213,9 @@ impl<'a> Loader<'a> {
             Some("nearest") => Filter::Nearest,
             None | Some("bilinear" | "trilinear" | "ewa") => Filter::Linear,
             Some(other) => {
-                return Err(plugin.element.error(format!("filter_type is `{other}`; it has to be nearest or bilinear")));
+                return Err(plugin
+                    .element
+                    .error(format!("filter_type is `{other}`; it has to be nearest or bilinear")));
             }
         };
         let mut wrap = |name: &str| -> Result<Option<Wrap>, LoadError> {
