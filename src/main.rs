@@ -19,6 +19,7 @@ fn main() {
         settings.light_resolution = Some(r);
         settings.vpl_resolution = Some(r);
     }
+    if let Ok(s) = std::env::var("BRES") { settings.bundle_resolution = Some(s.parse().unwrap()); }
     if let Ok(s) = std::env::var("FAST") {
         if s == "1" {
             settings.visibility = settings::Visibility::Fast
