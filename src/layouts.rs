@@ -72,8 +72,8 @@ layouts! {
         layer: u32,
         row_v: [f32; 3],
         flags: u32,
-        origin: [u32; 2],
-        size: [u32; 2],
+        origin: [f32; 2],
+        size: [f32; 2],
     }
 
     /// A view, or where one will be.
