@@ -4,6 +4,7 @@
 //! radiometry. Loaders build it ([`load`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
 //! upload and the CPU reference read that one flattening. Nothing here knows of a GPU or of an estimator.
 
+pub mod builtin;
 pub mod camera;
 pub mod environment;
 pub mod error;
@@ -11,6 +12,8 @@ pub mod geometry;
 pub mod light;
 pub mod material;
 pub mod mesh;
+pub mod mitsuba;
+pub mod shapes;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Projection};

@@ -1,0 +1,271 @@
+//! Shapes: mesh files and simple bodies, placed by `to_world`, with their BSDF and area light.
+//!
+//! A mesh file without normals gets smooth ones unless `face_normals` says otherwise, as in Mitsuba. Spheres become triangles
+//! with exact normals; a mirroring `to_world` keeps a body's outside outside, and turns a mesh without normals inside out, as in
+//! Mitsuba, which takes the front from the winding in the world.
+
+use std::path::Path;
+
+use glam::{Affine3A, DMat4, DVec3, Mat3A, Vec3};
+
+use super::bsdfs::Surface;
+use super::values::Plugin;
+use super::xml::Element;
+use super::{Loader, obj, ply, serialized, tangents};
+use crate::scene::shapes::{cube, cylinder, disk, rectangle, smooth_normals, sphere};
+use crate::scene::{Bsdf, Color, Instance, LoadError, Material, Mesh, Sides};
+
+/// Triangles that a scene may place in the world; a file of a few lines could ask for more than any memory holds.
+const MAX_TRIANGLES: usize = 1 << 28;
+
+/// A surface in the scene's list; bumped ones get one entry for each mesh.
+#[derive(Clone, Debug)]
+pub(super) enum ShapeMaterial {
+    Ready(usize, Option<tangents::Frame>),
+    Bumped(Box<Surface>),
+}
+
+impl<'a> Loader<'a> {
+    /// Adds a shape that stands in the scene.
+    pub(super) fn shape(&mut self, element: &'a Element) -> Result<(), LoadError> {
+        match element.plugin() {
+            // Drawn where an instance refers to it.
+            "shapegroup" => Ok(()),
+            "instance" => self.instance(element),
+            _ => {
+                let instances = self.shape_instances(element)?;
+                self.place(element, instances)
+            }
+        }
+    }
+
+    fn place(&mut self, element: &Element, instances: Vec<Instance>) -> Result<(), LoadError> {
+        let triangles: usize = instances.iter().map(|i| self.scene.meshes[i.mesh].triangles.len()).sum();
+        self.triangles = self.triangles.saturating_add(triangles);
+        if self.triangles > MAX_TRIANGLES || self.scene.instances.len() + instances.len() > MAX_TRIANGLES {
+            return Err(element.error(format!("the scene has more than {MAX_TRIANGLES} triangles")));
+        }
+        self.scene.instances.extend(instances);
+        Ok(())
+    }
+
+    fn instance(&mut self, element: &'a Element) -> Result<(), LoadError> {
+        let plugin = self.plugin(element)?;
+        let Some(group) = plugin.only("shape")?.filter(|e| e.plugin() == "shapegroup") else {
+            return Err(element.error("an instance needs a shapegroup inside"));
+        };
+        if !self.groups.contains_key(&std::ptr::from_ref(group)) {
+            let parts = self.plugin(group)?;
+            let mut instances = Vec::new();
+            for part in parts.nested("shape") {
+                if matches!(part.plugin(), "shapegroup" | "instance") {
+                    return Err(part.error("a shapegroup cannot contain a shapegroup or an instance"));
+                }
+                instances.extend(self.shape_instances(part)?);
+            }
+            self.groups.insert(group, instances);
+        }
+        let world_from_group = affine(element, plugin.transform("to_world")?)?;
+        self.finish(&plugin);
+        let place = |i: &Instance| Instance { mesh: i.mesh, world_from_local: world_from_group * i.world_from_local };
+        let instances = self.groups[&std::ptr::from_ref(group)].iter().map(place).collect();
+        self.place(element, instances)
+    }
+
+    fn shape_instances(&mut self, element: &'a Element) -> Result<Vec<Instance>, LoadError> {
+        let plugin = self.plugin(element)?;
+        let mut to_world = plugin.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
+        let flip = plugin.boolean("flip_normals")?.unwrap_or(false);
+        let mut mesh = match element.plugin() {
+            kind @ ("obj" | "ply" | "serialized") => {
+                let mirrored = to_world.determinant() < 0.0;
+                self.mesh_file(&plugin, kind, mirrored)?
+            }
+            "rectangle" => rectangle(),
+            "disk" => disk(64),
+            "cube" => cube(),
+            "sphere" => {
+                self.warn("spheres are drawn as 8064 triangles with smooth normals");
+                let center = plugin.vector("center")?.unwrap_or(Vec3::ZERO).as_dvec3();
+                let radius = plugin.float("radius")?.unwrap_or(1.0);
+                to_world = to_world * DMat4::from_translation(center) * DMat4::from_scale(DVec3::splat(f64::from(radius)));
+                sphere(64, 64)
+            }
+            "cylinder" => {
+                self.warn("cylinders are drawn as 256 triangles with smooth normals");
+                let p0 = plugin.vector("p0")?.unwrap_or(Vec3::ZERO).as_dvec3();
+                let p1 = plugin.vector("p1")?.unwrap_or(Vec3::Z).as_dvec3();
+                let radius = f64::from(plugin.float("radius")?.unwrap_or(1.0));
+                let Some(axis) = (p1 - p0).try_normalize() else {
+                    return Err(element.error("the cylinder's ends are the same point"));
+                };
+                let (s, t) = axis.any_orthonormal_pair();
+                let columns = [(s * radius).extend(0.0), (t * radius).extend(0.0), (p1 - p0).extend(0.0), p0.extend(1.0)];
+                to_world *= DMat4::from_cols(columns[0], columns[1], columns[2], columns[3]);
+                cylinder(128)
+            }
+            kind => {
+                self.warn(format!("{}: shapes of type `{kind}` are not supported; it is left out", element.title()));
+                return Ok(Vec::new());
+            }
+        };
+        if flip {
+            turn_inside_out(&mut mesh);
+        }
+        if let Some(id) = element.attribute("id") {
+            id.clone_into(&mut mesh.name);
+        }
+        let world_from_local = affine(element, Some(to_world))?;
+        self.shape_material(&plugin, &mut mesh, &world_from_local)?;
+        plugin.ignore(&["silhouette_sampling_weight", "center", "radius"]);
+        for tag in ["medium", "subsurface"] {
+            if !plugin.nested(tag).is_empty() {
+                self.warn(format!("{}: participating media are not supported; only its surface is drawn", element.title()));
+            }
+        }
+        self.finish(&plugin);
+        self.scene.meshes.push(mesh);
+        Ok(vec![Instance { mesh: self.scene.meshes.len() - 1, world_from_local }])
+    }
+
+    fn mesh_file(&mut self, plugin: &Plugin<'a>, kind: &str, mirrored: bool) -> Result<Mesh, LoadError> {
+        let element = plugin.element;
+        let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
+        let path = self.resolve(element, name)?;
+        let bytes = read(&path)?;
+        let (mut mesh, flat) = match kind {
+            "obj" => (obj::parse(&path, &bytes)?, false),
+            "ply" => (ply::parse(&path, &bytes)?, false),
+            _ => {
+                let index = plugin.integer("shape_index")?.unwrap_or(0);
+                let index = usize::try_from(index).map_err(|_| element.error("shape_index is negative"))?;
+                serialized::parse(&path, &bytes, index)?
+            }
+        };
+        if mesh.triangles.is_empty() {
+            self.warn(format!("`{name}` has no triangles"));
+        }
+        // OBJ files have v up unless told otherwise; the other formats have Mitsuba's own v.
+        if plugin.boolean("flip_tex_coords")?.unwrap_or(kind == "obj") {
+            for uv in &mut mesh.uvs[0] {
+                uv.y = 1.0 - uv.y;
+            }
+        }
+        if plugin.float("max_smooth_angle")?.is_some() {
+            self.warn("max_smooth_angle is ignored; normals are taken as the file has them");
+        }
+        plugin.ignore(&["collapse", "srgb", "load_materials"]);
+        let face_normals = plugin.boolean("face_normals")?.unwrap_or(flat);
+        if face_normals {
+            mesh.normals.clear();
+        }
+        if mesh.normals.is_empty() {
+            if mirrored {
+                mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+            }
+            if !face_normals {
+                mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
+            }
+        }
+        if mesh.name.is_empty() {
+            name.clone_into(&mut mesh.name);
+        }
+        Ok(mesh)
+    }
+
+    /// Sets the mesh's material and, where that has a normal map, its tangents.
+    fn shape_material(&mut self, plugin: &Plugin<'a>, mesh: &mut Mesh, to_world: &Affine3A) -> Result<(), LoadError> {
+        let bsdf = plugin.only("bsdf")?;
+        let emitter = plugin.only("emitter")?;
+        let key = [bsdf, emitter].map(|e| e.map(std::ptr::from_ref));
+        if !self.materials.contains_key(&key) {
+            let mut surface = match bsdf {
+                Some(bsdf) => self.surface(bsdf)?,
+                None => default_surface(emitter.is_some()),
+            };
+            if let Some(emitter) = emitter {
+                surface.material.emission = self.emission(emitter)?;
+            }
+            let ready = if surface.bump {
+                ShapeMaterial::Bumped(Box::new(surface))
+            } else {
+                self.scene.materials.push(surface.material);
+                ShapeMaterial::Ready(self.scene.materials.len() - 1, surface.frame)
+            };
+            self.materials.insert(key, ready);
+        }
+        let frame = match self.materials[&key].clone() {
+            ShapeMaterial::Ready(index, frame) => {
+                mesh.material = index;
+                frame
+            }
+            ShapeMaterial::Bumped(surface) => {
+                let Surface { mut material, frame, .. } = *surface;
+                match tangents::metres_per_uv(mesh, to_world) {
+                    Some(metres) => {
+                        if let Some(map) = &mut material.normal_map {
+                            map.scale /= metres;
+                        }
+                    }
+                    None => material.normal_map = None,
+                }
+                self.scene.materials.push(material);
+                mesh.material = self.scene.materials.len() - 1;
+                frame
+            }
+        };
+        if let Some(frame) = frame {
+            if mesh.uvs[0].is_empty() {
+                self.scene.warn(format!("`{}` has no texture coordinates, so its normal or bump map is not drawn", mesh.name));
+            }
+            if mesh.normals.is_empty() {
+                split_flat(mesh);
+            }
+            tangents::derive(mesh, frame);
+        }
+        Ok(())
+    }
+}
+
+/// What Mitsuba gives a shape without BSDF.
+fn default_surface(emitter: bool) -> Surface {
+    let reflectance = Color::from(Vec3::splat(if emitter { 0.0 } else { 0.5 }));
+    let bsdf = Bsdf::Diffuse { reflectance };
+    let name = if emitter { "light" } else { "default" }.to_owned();
+    let material = Material { name, bsdf, emission: None, normal_map: None, alpha_mask: None, sides: Sides::One };
+    Surface { material, frame: None, bump: false }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
+    std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))
+}
+
+fn affine(element: &Element, to_world: Option<DMat4>) -> Result<Affine3A, LoadError> {
+    let m = to_world.unwrap_or(DMat4::IDENTITY);
+    let [x, y, z, w] = [m.x_axis, m.y_axis, m.z_axis, m.w_axis].map(|c| c.truncate().as_vec3a());
+    let affine = Affine3A { matrix3: Mat3A::from_cols(x, y, z), translation: w };
+    if affine.is_finite() { Ok(affine) } else { Err(element.error("to_world overflows")) }
+}
+
+fn turn_inside_out(mesh: &mut Mesh) {
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    mesh.normals.iter_mut().for_each(|n| *n = -*n);
+}
+
+/// Gives every triangle its own corners with its own normal.
+fn split_flat(mesh: &mut Mesh) {
+    let corners: Vec<usize> = mesh.triangles.iter().flatten().map(|&i| i as usize).collect();
+    let flat = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+        (b - a).cross(c - a).normalize_or(Vec3::Z)
+    };
+    mesh.normals = mesh.triangles.iter().flat_map(|t| [flat(t); 3]).collect();
+    mesh.positions = corners.iter().map(|&i| mesh.positions[i]).collect();
+    for uvs in &mut mesh.uvs {
+        *uvs = if uvs.is_empty() { Vec::new() } else { corners.iter().map(|&i| uvs[i]).collect() };
+    }
+    if !mesh.colors.is_empty() {
+        mesh.colors = corners.iter().map(|&i| mesh.colors[i]).collect();
+    }
+    mesh.triangles = (0..mesh.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+}
