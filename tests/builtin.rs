@@ -52,7 +52,11 @@ fn distance(ours: &Scene, theirs: &Scene) -> f32 {
         let others = by_material.get(material.as_str()).unwrap_or_else(|| panic!("no such material: {material}"));
         // Sorted by the first coordinate, so only a window has to be searched.
         let from = others.partition_point(|o| o[0][0] < corners[0][0] - 1e-3);
-        others[from..].iter().take_while(|o| o[0][0] < corners[0][0] + 1e-3).map(|o| apart(corners, o)).fold(f32::INFINITY, f32::min)
+        others[from..]
+            .iter()
+            .take_while(|o| o[0][0] < corners[0][0] + 1e-3)
+            .map(|o| apart(corners, o))
+            .fold(f32::INFINITY, f32::min)
     };
     ours.iter().map(nearest).fold(0.0, f32::max)
 }
@@ -79,7 +83,13 @@ fn reference_scenes_equal_their_files() {
             assert_eq!((a.radiance, a.world_from_environment), (b.radiance, b.world_from_environment));
             let (a, b) = (a.map.as_ref().expect("a map"), b.map.as_ref().expect("a map"));
             assert_eq!((a.width, a.height, a.rows), (b.width, b.height, b.rows));
-            let apart = a.texels.iter().flatten().zip(b.texels.iter().flatten()).map(|(a, b)| (a - b).abs() / b).fold(0.0, f32::max);
+            let apart = a
+                .texels
+                .iter()
+                .flatten()
+                .zip(b.texels.iter().flatten())
+                .map(|(a, b)| (a - b).abs() / b)
+                .fold(0.0, f32::max);
             assert!(apart < 1e-6, "the sky's texels are {apart} apart");
         }
         assert_eq!(theirs.warnings, Vec::<String>::new(), "{name}");

@@ -56,7 +56,8 @@ impl EnvironmentMap {
     pub fn load(path: &Path) -> Result<Self, LoadError> {
         let error = |cause: String| LoadError::new(path, cause);
         let bytes = std::fs::read(path).map_err(|e| error(format!("cannot be read: {e}")))?;
-        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(&bytes) } else { Self::decode_image(&bytes) }.map_err(error)?;
+        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(&bytes) } else { Self::decode_image(&bytes) }
+            .map_err(error)?;
         if let Some(i) = map.texels.iter().position(|t| !t.iter().all(|v| v.is_finite() && *v >= 0.0)) {
             let (x, y) = (i % map.width as usize, i / map.width as usize);
             return Err(LoadError::at(path, format!("texel ({x}, {y})"), "is negative or not finite"));

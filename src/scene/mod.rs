@@ -14,10 +14,10 @@ pub mod light;
 pub mod load;
 pub mod material;
 pub mod mesh;
-pub mod stats;
-pub mod tangents;
 pub mod mitsuba;
 pub mod shapes;
+pub mod stats;
+pub mod tangents;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Projection};

@@ -7,9 +7,7 @@ use glam::{DVec3, Mat3, Vec3};
 
 use super::{add, block, camera, quad, vec3};
 use crate::scene::shapes::icosphere;
-use crate::scene::{
-    Bsdf, Color, Emission, Environment, EnvironmentMap, Fresnel, Light, Material, Rows, Scene,
-};
+use crate::scene::{Bsdf, Color, Emission, Environment, EnvironmentMap, Fresnel, Light, Material, Rows, Scene};
 
 /// Half the height of 548.8 mm is one unit.
 const MILLIMETRES: f64 = 274.4;
@@ -35,7 +33,11 @@ fn walls(ceiling: bool) -> Scene {
             Material::diffuse("red", Vec3::new(0.63, 0.065, 0.05)),
             Material::diffuse("green", Vec3::new(0.14, 0.45, 0.091)),
         ],
-        cameras: vec![camera([0.0, 273.0 / MILLIMETRES, 1079.6 / MILLIMETRES], [0.0, 273.0 / MILLIMETRES, 0.0], 39.307_648_1)],
+        cameras: vec![camera(
+            [0.0, 273.0 / MILLIMETRES, 1079.6 / MILLIMETRES],
+            [0.0, 273.0 / MILLIMETRES, 0.0],
+            39.307_648_1,
+        )],
         ..Scene::default()
     };
     let wall = |corners: [[f64; 3]; 4]| quad(corners.map(at));
@@ -44,9 +46,19 @@ fn walls(ceiling: bool) -> Scene {
         let corners = [[556.0, 548.8, 0.0], [556.0, 548.8, 559.2], [0.0, 548.8, 559.2], [0.0, 548.8, 0.0]];
         add(&mut scene, "ceiling", WHITE, wall(corners));
     }
-    add(&mut scene, "back", WHITE, wall([[549.6, 0.0, 559.2], [0.0, 0.0, 559.2], [0.0, 548.8, 559.2], [556.0, 548.8, 559.2]]));
+    add(
+        &mut scene,
+        "back",
+        WHITE,
+        wall([[549.6, 0.0, 559.2], [0.0, 0.0, 559.2], [0.0, 548.8, 559.2], [556.0, 548.8, 559.2]]),
+    );
     add(&mut scene, "right", GREEN, wall([[0.0, 0.0, 559.2], [0.0, 0.0, 0.0], [0.0, 548.8, 0.0], [0.0, 548.8, 559.2]]));
-    add(&mut scene, "left", RED, wall([[552.8, 0.0, 0.0], [549.6, 0.0, 559.2], [556.0, 548.8, 559.2], [556.0, 548.8, 0.0]]));
+    add(
+        &mut scene,
+        "left",
+        RED,
+        wall([[552.8, 0.0, 0.0], [549.6, 0.0, 559.2], [556.0, 548.8, 559.2], [556.0, 548.8, 0.0]]),
+    );
     scene
 }
 
@@ -88,7 +100,9 @@ pub(super) fn area() -> Scene {
 /// Cornell box with a sphere of gold colour (alpha 0.2) and a block of silver colour (alpha 0.1), point light.
 pub(super) fn glossy() -> Scene {
     let mut scene = walls(true);
-    for (name, alpha, color) in [("metal_sphere", 0.2, Vec3::new(0.9, 0.7, 0.4)), ("metal_block", 0.1, Vec3::new(0.8, 0.8, 0.85))] {
+    for (name, alpha, color) in
+        [("metal_sphere", 0.2, Vec3::new(0.9, 0.7, 0.4)), ("metal_block", 0.1, Vec3::new(0.8, 0.8, 0.85))]
+    {
         let bsdf = Bsdf::Conductor { alpha: alpha.into(), fresnel: Fresnel::None, specular: color.into() };
         scene.materials.push(Material { bsdf, ..Material::diffuse(name, color) });
     }

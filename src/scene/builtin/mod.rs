@@ -22,9 +22,21 @@ struct Entry {
 const SCENES: &[Entry] = &[
     Entry { name: "cornell_point", about: "Cornell box, point light under the ceiling", make: cornell::point },
     Entry { name: "cornell_area", about: "Cornell box with its area light", make: cornell::area },
-    Entry { name: "cornell_glossy", about: "Cornell box with a sphere and a block of rough metal, point light", make: cornell::glossy },
-    Entry { name: "cornell_env", about: "Cornell box without ceiling and front under a sky with a small sun", make: cornell::env },
-    Entry { name: "corner_spikes", about: "point light 2 cm from a wall in a corner with small objects", make: spikes::scene },
+    Entry {
+        name: "cornell_glossy",
+        about: "Cornell box with a sphere and a block of rough metal, point light",
+        make: cornell::glossy,
+    },
+    Entry {
+        name: "cornell_env",
+        about: "Cornell box without ceiling and front under a sky with a small sun",
+        make: cornell::env,
+    },
+    Entry {
+        name: "corner_spikes",
+        about: "point light 2 cm from a wall in a corner with small objects",
+        make: spikes::scene,
+    },
 ];
 
 /// Name and one-line description of every scene.

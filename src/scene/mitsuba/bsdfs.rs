@@ -7,7 +7,6 @@ use glam::Vec3;
 
 use super::Loader;
 use super::spectra::Use;
-use super::tangents::Frame;
 use super::textures::is_texture;
 use super::values::Plugin;
 use super::xml::Element;
@@ -19,11 +18,20 @@ use crate::scene::{
 /// BSDFs may be nested this deep.
 const MAX_NESTING: usize = 16;
 
+/// Where a normal map's Y axis points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Frame {
+    /// Along normal x tangent however the mesh is mapped, as in Mitsuba.
+    RightHanded,
+    /// Up the image.
+    ImageUp,
+}
+
 /// A material that still has to meet its mesh.
 #[derive(Clone, Debug)]
 pub(super) struct Surface {
     pub material: Material,
-    /// How the normal map's axes lie on the mesh.
+    /// How the normal map's axes lie on the mesh, if there is one.
     pub frame: Option<Frame>,
     /// A bump map's slopes are per unit of uv: its scale has to be divided by the metres that a unit of uv spans.
     pub bump: bool,
@@ -42,9 +50,8 @@ impl<'a> Loader<'a> {
         let plugin = self.plugin(element)?;
         let kind = element.plugin();
         let mut surface = match kind {
-            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf" | "mixturebsdf" => {
-                self.wrapper(&plugin, kind, depth)?
-            }
+            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf"
+            | "mixturebsdf" => self.wrapper(&plugin, kind, depth)?,
             _ => {
                 let bsdf = self.plain(&plugin, kind)?;
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
@@ -79,7 +86,8 @@ impl<'a> Loader<'a> {
                 self.warn(format!("{}: blends are not supported; the heavier part is drawn alone", element.title()));
             }
             "mixturebsdf" => {
-                let weights = plugin.string("weights")?.map(|text| super::values::numbers(element, text)).transpose()?;
+                let weights =
+                    plugin.string("weights")?.map(|text| super::values::numbers(element, text)).transpose()?;
                 let weights = weights.unwrap_or_default();
                 let heavier = |a: &usize, b: &usize| weights[*a].total_cmp(&weights[*b]);
                 let heaviest = (0..weights.len().min(nested.len())).max_by(heavier).unwrap_or(0);
@@ -87,7 +95,15 @@ impl<'a> Loader<'a> {
                 self.warn(format!("{}: mixtures are not supported; the heaviest part is drawn alone", element.title()));
             }
             "coating" | "roughcoating" => {
-                plugin.ignore(&["int_ior", "ext_ior", "thickness", "alpha", "sigma_a", "distribution", "specular_reflectance"]);
+                plugin.ignore(&[
+                    "int_ior",
+                    "ext_ior",
+                    "thickness",
+                    "alpha",
+                    "sigma_a",
+                    "distribution",
+                    "specular_reflectance",
+                ]);
                 self.warn(format!("{}: coatings are not supported; what lies under it is drawn bare", element.title()));
             }
             "twosided" if nested.len() > 1 => {
@@ -117,7 +133,10 @@ impl<'a> Loader<'a> {
             }
         };
         if partial {
-            self.warn(format!("{}: opacities are cut at 0.5, partly opaque places are drawn as all or nothing", plugin.element.title()));
+            self.warn(format!(
+                "{}: opacities are cut at 0.5, partly opaque places are drawn as all or nothing",
+                plugin.element.title()
+            ));
         }
         if surface.material.alpha_mask.is_none() {
             surface.material.alpha_mask = Some(AlphaMask { value, cutoff: 0.5 });
@@ -129,13 +148,18 @@ impl<'a> Loader<'a> {
         plugin.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
         let element = match plugin.get("normalmap") {
             Some(element) => element,
-            None => *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a normalmap needs a texture"))?,
+            None => {
+                *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a normalmap needs a texture"))?
+            }
         };
         let color = self.color_texture(element, Use::Unbounded)?;
         if let Some(texture) = color.texture {
             let sampler = &self.scene.textures[texture.texture];
             if sampler.srgb {
-                self.warn(format!("{}: the texture is read as raw numbers, as a normal map has to be", plugin.element.title()));
+                self.warn(format!(
+                    "{}: the texture is read as raw numbers, as a normal map has to be",
+                    plugin.element.title()
+                ));
             }
             let sampler = Texture { srgb: false, ..self.scene.textures[texture.texture].clone() };
             self.scene.textures.push(sampler);
@@ -150,7 +174,8 @@ impl<'a> Loader<'a> {
     /// Bakes a height field into a normal map of its slopes per unit of uv.
     fn bump_map(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
         plugin.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
-        let texture = *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a bumpmap needs a texture"))?;
+        let texture =
+            *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a bumpmap needs a texture"))?;
         let scale = plugin.float("scale")?.unwrap_or(1.0);
         let Some(heights) = self.heights(texture)? else { return Ok(()) };
         let (image, steepest) = slopes(&heights);
@@ -206,16 +231,30 @@ impl<'a> Loader<'a> {
             "principled" => self.principled(plugin),
             "dielectric" | "thindielectric" | "roughdielectric" | "null" => {
                 plugin.ignore(&[
-                    "int_ior", "ext_ior", "alpha", "alpha_u", "alpha_v", "distribution", "material", "sample_visible",
-                    "specular_reflectance", "specular_transmittance",
+                    "int_ior",
+                    "ext_ior",
+                    "alpha",
+                    "alpha_u",
+                    "alpha_v",
+                    "distribution",
+                    "material",
+                    "sample_visible",
+                    "specular_reflectance",
+                    "specular_transmittance",
                 ]);
                 if kind != "null" {
-                    self.warn(format!("{}: glass is not supported; surfaces of `{kind}` are left out and light passes", plugin.element.title()));
+                    self.warn(format!(
+                        "{}: glass is not supported; surfaces of `{kind}` are left out and light passes",
+                        plugin.element.title()
+                    ));
                 }
                 Ok(Bsdf::Diffuse { reflectance: grey(0.0) })
             }
             _ => {
-                self.warn(format!("{}: bsdfs of type `{kind}` are not supported; grey 0.5 is drawn instead", plugin.element.title()));
+                self.warn(format!(
+                    "{}: bsdfs of type `{kind}` are not supported; grey 0.5 is drawn instead",
+                    plugin.element.title()
+                ));
                 Ok(Bsdf::Diffuse { reflectance: grey(0.5) })
             }
         }
@@ -238,7 +277,10 @@ impl<'a> Loader<'a> {
             match metals::metal(name) {
                 Some(fresnel) => fresnel,
                 None => {
-                    self.warn(format!("{}: the metal `{name}` is not in the table; chromium is drawn instead", plugin.element.title()));
+                    self.warn(format!(
+                        "{}: the metal `{name}` is not in the table; chromium is drawn instead",
+                        plugin.element.title()
+                    ));
                     metals::metal("Cr").unwrap_or(Fresnel::None)
                 }
             }
@@ -279,7 +321,11 @@ impl<'a> Loader<'a> {
     /// The width of a microfacet lobe; Mitsuba takes 0.1.
     fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         plugin.ignore(&["sample_visible"]);
-        let missing = if plugin.element.plugin() == "roughconductor" || plugin.element.plugin() == "roughplastic" { "beckmann" } else { "" };
+        let missing = if plugin.element.plugin() == "roughconductor" || plugin.element.plugin() == "roughplastic" {
+            "beckmann"
+        } else {
+            ""
+        };
         if plugin.string("distribution")?.unwrap_or(missing) != "ggx" {
             self.warn("microfacets other than GGX are drawn as GGX of the same width");
         }
@@ -306,7 +352,8 @@ impl<'a> Loader<'a> {
             None => missing,
             Some(element) if element.tag == "string" => {
                 let text = element.required("value")?;
-                metals::index_of_refraction(text).ok_or_else(|| element.error(format!("no material is called `{text}`; give a number")))?
+                metals::index_of_refraction(text)
+                    .ok_or_else(|| element.error(format!("no material is called `{text}`; give a number")))?
             }
             Some(element) => super::values::number(element)?,
         };
@@ -328,12 +375,11 @@ fn slopes(heights: &textures::Heights) -> (Image, f32) {
         crate::scene::Wrap::Repeat => i.rem_euclid(n),
         crate::scene::Wrap::Mirror | crate::scene::Wrap::Clamp => i.clamp(0, n - 1),
     };
-    let at = |x: i64, y: i64| heights.values[(wrap(y, height, heights.wrap[1]) * width + wrap(x, width, heights.wrap[0])) as usize];
+    let at = |x: i64, y: i64| {
+        heights.values[(wrap(y, height, heights.wrap[1]) * width + wrap(x, width, heights.wrap[0])) as usize]
+    };
     let slope = |x: i64, y: i64| {
-        [
-            -(at(x + 1, y) - at(x - 1, y)) * 0.5 * width as f32,
-            (at(x, y + 1) - at(x, y - 1)) * 0.5 * height as f32,
-        ]
+        [-(at(x + 1, y) - at(x - 1, y)) * 0.5 * width as f32, (at(x, y + 1) - at(x, y - 1)) * 0.5 * height as f32]
     };
     let texels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let steepest = texels().flat_map(|(x, y)| slope(x, y)).fold(0.0_f32, |m, s| m.max(s.abs()));
@@ -344,7 +390,10 @@ fn slopes(heights: &textures::Heights) -> (Image, f32) {
         [r, g, b, 255]
     };
     let texels = texels().map(encode).collect();
-    (Image { name: format!("{}, slopes", heights.name), width: heights.width, height: heights.height, texels }, steepest)
+    (
+        Image { name: format!("{}, slopes", heights.name), width: heights.width, height: heights.height, texels },
+        steepest,
+    )
 }
 
 fn grey(value: f32) -> Color {

@@ -59,8 +59,12 @@ impl<'a> Loader<'a> {
                 self.sky(element, environment);
             }
             "sky" | "sun" | "sunsky" | "timed_sunsky" => {
-                self.warn(format!("{}: the sky model is not supported; a constant sky of radiance 1 shines instead", element.title()));
-                let environment = Environment { radiance: Vec3::ONE, map: None, world_from_environment: Mat3::IDENTITY };
+                self.warn(format!(
+                    "{}: the sky model is not supported; a constant sky of radiance 1 shines instead",
+                    element.title()
+                ));
+                let environment =
+                    Environment { radiance: Vec3::ONE, map: None, world_from_environment: Mat3::IDENTITY };
                 self.sky(element, environment);
                 return Ok(());
             }

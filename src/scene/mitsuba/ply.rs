@@ -35,7 +35,9 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
     let mut faces: Vec<Face> = Vec::new();
     for (name, element) in &header.elements {
         match name.as_str() {
-            "vertex" => vertices = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?,
+            "vertex" => {
+                vertices = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?
+            }
             "face" => faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?,
             _ => drop(Parser::<Skipped>::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?),
         }
@@ -53,7 +55,11 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
         return Err(LoadError::new(path, "has more vertices than 32 bits can count"));
     }
     for (i, vertex) in vertices.iter().enumerate() {
-        if !(vertex.position.is_finite() && vertex.normal.is_finite() && vertex.uv.is_finite() && vertex.color.is_finite()) {
+        if !(vertex.position.is_finite()
+            && vertex.normal.is_finite()
+            && vertex.uv.is_finite()
+            && vertex.color.is_finite())
+        {
             return Err(LoadError::at(path, format!("vertex {i}"), "has a number that is not finite"));
         }
     }

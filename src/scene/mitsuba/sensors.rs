@@ -31,16 +31,27 @@ impl<'a> Loader<'a> {
             Projection::Orthographic { half_extent: Vec2::new(half_width, half_width * height as f32 / width as f32) }
         } else {
             let (fov, axis) = field_of_view(&plugin)?;
-            let projection = Projection::Perspective { fov, axis };
-            projection
+            Projection::Perspective { fov, axis }
         };
         plugin.ignore(&[
-            "near_clip", "far_clip", "focus_distance", "aperture_radius", "kc", "shutter_open", "shutter_close",
+            "near_clip",
+            "far_clip",
+            "focus_distance",
+            "aperture_radius",
+            "kc",
+            "shutter_open",
+            "shutter_close",
         ]);
         plugin.nested("sampler");
         self.finish(&plugin);
-        let name = element.attribute("id").map_or_else(|| format!("sensor {}", self.scene.cameras.len()), str::to_owned);
-        self.scene.cameras.push(Camera { name, world_from_camera: camera_frame, projection, film_size: Some((width, height)) });
+        let name =
+            element.attribute("id").map_or_else(|| format!("sensor {}", self.scene.cameras.len()), str::to_owned);
+        self.scene.cameras.push(Camera {
+            name,
+            world_from_camera: camera_frame,
+            projection,
+            film_size: Some((width, height)),
+        });
         Ok(())
     }
 

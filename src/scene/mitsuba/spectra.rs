@@ -35,10 +35,17 @@ pub(super) fn color(element: &Element, use_: Use, folders: &[PathBuf]) -> Result
         ("blackbody", _) => blackbody(element)?,
         (tag, _) => return Err(element.error(format!("<{tag}> is not a colour"))),
     };
-    if use_ != Use::Unbounded && color.min_element() < 0.0 {
-        return Err(element.error("the colour is negative"));
+    // A little rounding above 1 is no error.
+    match use_ {
+        Use::Reflectance if color.min_element() < 0.0 || color.max_element() > 1.001 => {
+            Err(element.error(format!("the reflectance {color} does not lie in [0, 1]")))
+        }
+        Use::Reflectance => Ok(color.min(Vec3::ONE)),
+        Use::Radiance if color.min_element() < 0.0 => {
+            Err(element.error(format!("the light's colour {color} is negative")))
+        }
+        Use::Radiance | Use::Unbounded => Ok(color),
     }
-    Ok(color)
 }
 
 fn triple(element: &Element) -> Result<Vec3, LoadError> {
@@ -72,7 +79,8 @@ fn spectrum(element: &Element, use_: Use, folders: &[PathBuf]) -> Result<Vec3, L
     let text = match element.attribute("filename") {
         Some(name) => {
             let path = resolve(element, name, folders)?;
-            let text = std::fs::read_to_string(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
+            let text =
+                std::fs::read_to_string(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
             text.lines().filter(|line| !line.trim_start().starts_with('#')).collect::<Vec<_>>().join("\n")
         }
         None => element.required("value")?.to_owned(),
@@ -120,7 +128,8 @@ fn spectrum_plugin(element: &Element, plugin: &str, use_: Use) -> Result<Vec3, L
             let pairs: Vec<[f64; 2]> = wavelengths.into_iter().zip(values).map(|(w, v)| [w, v]).collect();
             Ok(integrate(&pairs, use_))
         }
-        "blackbody" => child("temperature").map_or_else(|| Err(element.error("a blackbody needs a temperature")), |c| planck(c, 1.0)),
+        "blackbody" => child("temperature")
+            .map_or_else(|| Err(element.error("a blackbody needs a temperature")), |c| planck(c, 1.0)),
         _ => Err(element.error(format!("the spectrum type `{plugin}` is not supported; write it as <rgb>"))),
     }
 }
@@ -155,7 +164,13 @@ fn planck(element: &Element, scale: f64) -> Result<Vec3, LoadError> {
 pub(super) fn integrate(pairs: &[[f64; 2]], use_: Use) -> Vec3 {
     let value = |nm: f64| match pairs.partition_point(|p| p[0] <= nm) {
         0 => 0.0,
-        n if n == pairs.len() => if nm == pairs[n - 1][0] { pairs[n - 1][1] } else { 0.0 },
+        n if n == pairs.len() => {
+            if nm == pairs[n - 1][0] {
+                pairs[n - 1][1]
+            } else {
+                0.0
+            }
+        }
         n => {
             let ([w0, v0], [w1, v1]) = (pairs[n - 1], pairs[n]);
             v0 + (v1 - v0) * (nm - w0) / (w1 - w0)
@@ -197,10 +212,10 @@ fn observer(nm: f64) -> DVec3 {
 /// CIE standard illuminant D65, every 10 nm from 360 to 780 (ISO/CIE 11664-2), constant beyond.
 fn d65(nm: f64) -> f64 {
     const TABLE: [f64; 43] = [
-        46.6383, 52.0891, 49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923,
-        108.811, 109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856, 90.0062, 89.5991,
-        87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091, 74.3490, 61.6040, 69.8856, 75.0870,
-        63.5927, 46.4182, 66.8054, 63.3828,
+        46.6383, 52.0891, 49.9755, 54.6482, 82.7549, 91.4860, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861,
+        115.923, 108.811, 109.354, 107.802, 104.790, 107.689, 104.405, 104.046, 100.000, 96.3342, 95.7880, 88.6856,
+        90.0062, 89.5991, 87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091, 74.3490,
+        61.6040, 69.8856, 75.0870, 63.5927, 46.4182, 66.8054, 63.3828,
     ];
     let t = ((nm - 360.0) / 10.0).clamp(0.0, 41.999);
     let i = t as usize;

@@ -58,7 +58,9 @@ impl<'a> Loader<'a> {
                 let mut side = |name: &str, missing: f32| -> Result<Vec3, LoadError> {
                     match plugin.get(name) {
                         Some(nested) if is_texture(nested) => {
-                            self.warn("checkerboards of textures are not supported; such a square is drawn in a plain colour");
+                            self.warn(
+                                "checkerboards of textures are not supported; such a square is drawn in a plain colour",
+                            );
                             Ok(Vec3::splat(missing))
                         }
                         _ => Ok(plugin.color(name, use_, &self.folders)?.unwrap_or(Vec3::splat(missing))),
@@ -76,7 +78,8 @@ impl<'a> Loader<'a> {
                 self.scene.images.push(Image { name, width: 2, height: 2, texels: vec![a, b, b, a] });
                 let transform = uv_transform(&plugin)?;
                 let image = self.scene.images.len() - 1;
-                let texture = self.texture(Texture { image, wrap: [Wrap::Repeat; 2], filter: Filter::Nearest, srgb: true });
+                let texture =
+                    self.texture(Texture { image, wrap: [Wrap::Repeat; 2], filter: Filter::Nearest, srgb: true });
                 Color { factor, texture: Some(TextureRef { transform, ..texture }) }
             }
             "scale" => {
@@ -176,7 +179,12 @@ impl<'a> Loader<'a> {
                 let [r, g, b] = t.map(encode_srgb);
                 [r, g, b, 255]
             };
-            Image { name: name.to_owned(), width: map.width, height: map.height, texels: map.texels.iter().map(encode).collect() }
+            Image {
+                name: name.to_owned(),
+                width: map.width,
+                height: map.height,
+                texels: map.texels.iter().map(encode).collect(),
+            }
         } else {
             let bytes = std::fs::read(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
             Image::decode(&bytes, name).map_err(|cause| LoadError::new(&path, cause))?
@@ -204,7 +212,11 @@ impl<'a> Loader<'a> {
         let filter = match plugin.string("filter_type")? {
             Some("nearest") => Filter::Nearest,
             None | Some("bilinear" | "trilinear" | "ewa") => Filter::Linear,
-            Some(other) => return Err(plugin.element.error(format!("filter_type is `{other}`; it has to be nearest or bilinear"))),
+            Some(other) => {
+                return Err(plugin
+                    .element
+                    .error(format!("filter_type is `{other}`; it has to be nearest or bilinear")));
+            }
         };
         let mut wrap = |name: &str| -> Result<Option<Wrap>, LoadError> {
             Ok(match plugin.string(name)? {
