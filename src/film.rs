@@ -76,7 +76,9 @@ impl Film {
             "png" => Self::write_png,
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
         };
-        if self.width == 0 || self.height == 0 || self.pixels.len() as u64 != u64::from(self.width) * u64::from(self.height)
+        if self.width == 0
+            || self.height == 0
+            || self.pixels.len() as u64 != u64::from(self.width) * u64::from(self.height)
         {
             return Err(error(format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height)));
         }
@@ -164,7 +166,11 @@ fn read_exr(path: &Path) -> Result<Film, String> {
         .no_deep_data()
         .largest_resolution_level()
         .rgb_channels(
-            |size: Vec2<usize>, _| Film { width: size.0 as u32, height: size.1 as u32, pixels: vec![[0.0; 3]; size.area()] },
+            |size: Vec2<usize>, _| Film {
+                width: size.0 as u32,
+                height: size.1 as u32,
+                pixels: vec![[0.0; 3]; size.area()],
+            },
             |film: &mut Film, at: Vec2<usize>, (r, g, b): (f32, f32, f32)| {
                 film.pixels[at.1 * film.width as usize + at.0] = [r, g, b];
             },

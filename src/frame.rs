@@ -132,12 +132,22 @@ impl Frame {
     }
 
     /// Records and submits one iteration; `batch_index` names it in the log.
-    pub fn iterate(&mut self, gpu: &Gpu, scene: &GpuScene, camera: &Camera, lights: &Lights, settings: &Settings, iteration: u64, batch_index: u32) {
+    pub fn iterate(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        camera: &Camera,
+        lights: &Lights,
+        settings: &Settings,
+        iteration: u64,
+        batch_index: u32,
+    ) {
         let sampler = Sampler::new(settings.seed, iteration);
         let light = if self.plan.light_vertices > 0 { lights.choose(sampler.get(Decision::Light)) } else { None };
         let uniform = self.describe(scene, camera, lights, light.as_ref(), settings, &sampler, iteration, batch_index);
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
+        let mut encoder =
+            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut encoder;
         let light_vertices = self.plan.light_vertices as usize;
 
@@ -167,23 +177,45 @@ impl Frame {
             let n_bundle = (n - light_vertices) as u32;
             let forward = uniform_sphere(sampler.get2(Decision::Bundle(n_bundle)));
             let turn = TAU * sampler.get(Decision::Turn(n_bundle));
-            view.look(gpu, &parallel(forward, scene.bounds, turn, sampler.get2(Decision::Shift(n_bundle)), view.resolution));
+            view.look(
+                gpu,
+                &parallel(forward, scene.bounds, turn, sampler.get2(Decision::Shift(n_bundle)), view.resolution),
+            );
             self.fill(gpu, encoder, scene, n);
         }
 
         // z1, and what the camera sees shining: (0, 2).
         self.gbuffer.record(gpu, encoder, scene, &self.uniform);
         self.eye_vertices_pass.record(
-            gpu, encoder, scene, &self.uniform, self.size, &self.gbuffer.triangles, &self.eye_vertices, &self.radiance,
+            gpu,
+            encoder,
+            scene,
+            &self.uniform,
+            self.size,
+            &self.gbuffer.triangles,
+            &self.eye_vertices,
+            &self.radiance,
         );
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=settings.bounces + 1 {
             for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
-                let Some((_, pass)) = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped)) else { continue };
+                let Some((_, pass)) = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped))
+                else {
+                    continue;
+                };
                 let view = &self.views[connection.s as usize - 1];
                 pass.record(
-                    gpu, encoder, scene, &self.uniform, self.size, strategy, view, &self.light_vertices, &self.eye_vertices, &self.radiance,
+                    gpu,
+                    encoder,
+                    scene,
+                    &self.uniform,
+                    self.size,
+                    strategy,
+                    view,
+                    &self.light_vertices,
+                    &self.eye_vertices,
+                    &self.radiance,
                 );
             }
             let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
@@ -198,7 +230,16 @@ impl Frame {
             encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
             encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
         }
-        self.accumulate.record(gpu, encoder, &self.uniform, self.size, &self.radiance, &self.demands, &self.film, &self.log);
+        self.accumulate.record(
+            gpu,
+            encoder,
+            &self.uniform,
+            self.size,
+            &self.radiance,
+            &self.demands,
+            &self.film,
+            &self.log,
+        );
         gpu.queue.submit([std::mem::replace(encoder, gpu.device.create_command_encoder(&Default::default())).finish()]);
     }
 
@@ -217,7 +258,8 @@ impl Frame {
             if items > view.item_room || nodes > view.node_room {
                 let more = |wanted: u64, room: u64| if wanted > room { wanted + wanted / 2 } else { room };
                 let room = [more(items, view.item_room), more(nodes, view.node_room)];
-                *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, self.plan.node_words());
+                *view =
+                    ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, self.plan.node_words());
                 self.light_in_view = None;
             }
         }
@@ -242,7 +284,11 @@ impl Frame {
         let rooms: Vec<_> = self
             .views
             .iter()
-            .map(|v| layouts::Demand { item_room: v.item_room as u32, node_room: v.node_room as u32, ..Default::default() })
+            .map(|v| layouts::Demand {
+                item_room: v.item_room as u32,
+                node_room: v.node_room as u32,
+                ..Default::default()
+            })
             .collect();
         if !rooms.is_empty() {
             gpu.queue.write_buffer(&self.demands, 0, bytemuck::cast_slice(&rooms));
@@ -251,7 +297,6 @@ impl Frame {
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "everything that an iteration depends on")]
     fn describe(
         &self,
         scene: &GpuScene,
@@ -266,7 +311,8 @@ impl Frame {
         let jitter = sampler.get2(Decision::Pixel);
         let half = camera.half_extent(self.size[0], self.size[1]);
         let world_from_camera = camera.world_from_camera;
-        let [right, up, forward] = [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
+        let [right, up, forward] =
+            [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
         let position = Vec3::from(world_from_camera.translation);
         let environment = scene.environment;
         let columns = environment.map_or(glam::Mat3::IDENTITY, |e| e.environment_from_world).to_cols_array_2d();
@@ -331,7 +377,11 @@ impl Frame {
                 ])
             }
         };
-        let shift = Vec3::new((1.0 - 2.0 * jitter[0]) / self.size[0] as f32, (2.0 * jitter[1] - 1.0) / self.size[1] as f32, 0.0);
+        let shift = Vec3::new(
+            (1.0 - 2.0 * jitter[0]) / self.size[0] as f32,
+            (2.0 * jitter[1] - 1.0) / self.size[1] as f32,
+            0.0,
+        );
         Mat4::from_translation(shift) * clip_from_camera * camera_from_world
     }
 }

@@ -53,7 +53,8 @@ impl GpuScene {
     /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
     pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        let largest = (geometry.vertices.len() * size_of::<layouts::Attributes>()).max(geometry.triangles.len() * 48) as u64;
+        let largest =
+            (geometry.vertices.len() * size_of::<layouts::Attributes>()).max(geometry.triangles.len() * 48) as u64;
         if largest > limit {
             return Err(GpuError::Device(format!(
                 "the scene has {} triangles and {} vertices, which need a binding of {largest} bytes; the adapter's limit is \
@@ -62,7 +63,8 @@ impl GpuScene {
                 geometry.vertices.len()
             )));
         }
-        let mut positions: Vec<[f32; 4]> = geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
+        let mut positions: Vec<[f32; 4]> =
+            geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
         let mut attributes: Vec<_> = geometry
             .vertices
             .iter()
@@ -136,7 +138,10 @@ impl GpuScene {
 
     /// The bindings of group 0, followed by a pass's own.
     #[must_use]
-    pub fn with<'a>(&'a self, own: &[(&'a str, wgpu::BindingResource<'a>)]) -> Vec<(&'a str, wgpu::BindingResource<'a>)> {
+    pub fn with<'a>(
+        &'a self,
+        own: &[(&'a str, wgpu::BindingResource<'a>)],
+    ) -> Vec<(&'a str, wgpu::BindingResource<'a>)> {
         let mut all = vec![
             ("positions", self.positions.as_entire_binding()),
             ("attributes", self.attributes.as_entire_binding()),
@@ -171,7 +176,14 @@ fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, 
     })
 }
 
-fn write_texture(gpu: &Gpu, texture: &wgpu::Texture, [x, y, z]: [u32; 3], [width, height]: [u32; 2], texel_bytes: u32, data: &[u8]) {
+fn write_texture(
+    gpu: &Gpu,
+    texture: &wgpu::Texture,
+    [x, y, z]: [u32; 3],
+    [width, height]: [u32; 2],
+    texel_bytes: u32,
+    data: &[u8],
+) {
     gpu.queue.write_texture(
         wgpu::TexelCopyTextureInfo {
             texture,
@@ -210,8 +222,13 @@ impl Atlas {
             )));
         }
         // Small sets get a small layer, large ones share layers of at least 2048 texels.
-        let area: u64 = order.iter().map(|&i| u64::from(scene.images[i].width) * u64::from(scene.images[i].height)).sum();
-        let side = if area <= 1 { 1 } else { longest.max((area.isqrt() as u32).next_power_of_two().min(2048)).min(gpu.capabilities.max_texture_side) };
+        let area: u64 =
+            order.iter().map(|&i| u64::from(scene.images[i].width) * u64::from(scene.images[i].height)).sum();
+        let side = if area <= 1 {
+            1
+        } else {
+            longest.max((area.isqrt() as u32).next_power_of_two().min(2048)).min(gpu.capabilities.max_texture_side)
+        };
         let mut places = vec![[0; 3]; scene.images.len()];
         let (mut layer, mut x, mut y, mut shelf) = (0, 0, 0, 0);
         for &i in &order {
@@ -237,9 +254,21 @@ impl Atlas {
         for &i in &order {
             let image = &scene.images[i];
             let [layer, x, y] = places[i];
-            write_texture(gpu, &array, [x, y, layer], [image.width, image.height], 4, bytemuck::cast_slice(&image.texels));
+            write_texture(
+                gpu,
+                &array,
+                [x, y, layer],
+                [image.width, image.height],
+                4,
+                bytemuck::cast_slice(&image.texels),
+            );
         }
-        Ok(Self { texture: array, bytes: 4 * u64::from(side) * u64::from(side) * u64::from(layer + 1), places, uses: Vec::new() })
+        Ok(Self {
+            texture: array,
+            bytes: 4 * u64::from(side) * u64::from(side) * u64::from(layer + 1),
+            places,
+            uses: Vec::new(),
+        })
     }
 
     /// Records a use and gives its index.

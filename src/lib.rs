@@ -8,6 +8,7 @@ pub mod lights;
 pub mod metrics;
 pub mod passes;
 pub mod plan;
+pub mod reference;
 pub mod renderer;
 pub mod sampler;
 pub mod scene;

@@ -42,7 +42,9 @@ impl Lights {
         let disc = PI * radius * radius;
         let power = |light: &Light| match *light {
             Light::Point { intensity, .. } => 4.0 * PI * intensity.element_sum(),
-            Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity.element_sum(),
+            Light::Spot { intensity, outer_angle, .. } => {
+                2.0 * PI * (1.0 - outer_angle.cos()) * intensity.element_sum()
+            }
             Light::Directional { irradiance, .. } => disc * irradiance.element_sum(),
         };
         let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0).collect();
@@ -87,7 +89,9 @@ impl Lights {
             pdf: 1.0 / (4.0 * PI),
         };
         Some(match self.lights[index] {
-            Light::Point { position, intensity } => ChosenLight { position, intensity: intensity / probability, ..chosen },
+            Light::Point { position, intensity } => {
+                ChosenLight { position, intensity: intensity / probability, ..chosen }
+            }
             Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff } => ChosenLight {
                 kind: 1,
                 position,

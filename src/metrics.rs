@@ -156,7 +156,8 @@ fn percentile(values: &mut [f64], fraction: f64) -> f64 {
 
 fn flip(image: &Film, reference: &Film) -> f64 {
     let exposure = flip_exposure(reference) as f32;
-    let [x, r] = [image, reference].map(|f| nv_flip::FlipImageRgb8::with_data(f.width, f.height, &f.to_srgb8(exposure)));
+    let [x, r] =
+        [image, reference].map(|f| nv_flip::FlipImageRgb8::with_data(f.width, f.height, &f.to_srgb8(exposure)));
     let errors = nv_flip::flip(r, x, nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
     errors.iter().map(|&e| f64::from(e)).sum::<f64>() / errors.len() as f64
 }

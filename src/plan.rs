@@ -206,8 +206,16 @@ impl FramePlan {
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let views = self.views().len() as u32;
         let lights = stats.lights;
-        pass("view_setup", views, format!("once per view: {} around light vertices, {} bundles", self.light_vertices, self.extensions.len()));
-        pass("view_lists", views, "rasterizes each view; the light's own is kept while the light stays the same".to_owned());
+        pass(
+            "view_setup",
+            views,
+            format!("once per view: {} around light vertices, {} bundles", self.light_vertices, self.extensions.len()),
+        );
+        pass(
+            "view_lists",
+            views,
+            "rasterizes each view; the light's own is kept while the light stays the same".to_owned(),
+        );
         pass(
             "light_subpath",
             self.light_vertices.saturating_sub(1),
@@ -222,7 +230,11 @@ impl FramePlan {
         pass(
             "connect",
             self.connections.len() as u32,
-            if lights == 0 { "no point, spot or directional light".to_owned() } else { format!("strategies (s, t): {}", self.strategy_names()) },
+            if lights == 0 {
+                "no point, spot or directional light".to_owned()
+            } else {
+                format!("strategies (s, t): {}", self.strategy_names())
+            },
         );
         let meets = stats.environment || stats.emissive_triangles > 0;
         pass(
@@ -253,15 +265,27 @@ impl fmt::Display for FramePlan {
             let runs = if p.runs == 0 { "skip".to_owned() } else { p.runs.to_string() };
             writeln!(f, "{:<14} {:>4}  {}", p.name, runs, p.reason)?;
         }
-        writeln!(f, "surface code   {}", if self.surface_flags.is_empty() { "diffuse only".to_owned() } else { self.surface_flags.join(" ") })?;
-        writeln!(f, "light code     {}", if self.light_flags.is_empty() { "punctual only".to_owned() } else { self.light_flags.join(" ") })?;
+        writeln!(
+            f,
+            "surface code   {}",
+            if self.surface_flags.is_empty() { "diffuse only".to_owned() } else { self.surface_flags.join(" ") }
+        )?;
+        writeln!(
+            f,
+            "light code     {}",
+            if self.light_flags.is_empty() { "punctual only".to_owned() } else { self.light_flags.join(" ") }
+        )?;
         writeln!(
             f,
             "views          bundles {}^2, light 6 x {}^2, VPLs 6 x {}^2, {}",
             self.bundle_resolution,
             self.light_resolution,
             self.vpl_resolution,
-            if self.fast { "centre-sampled with depths (fast)" } else { "conservative with exact intersection (exact)" }
+            if self.fast {
+                "centre-sampled with depths (fast)"
+            } else {
+                "conservative with exact intersection (exact)"
+            }
         )?;
         write!(f, "memory         {:.1} MB beside the scene", self.bytes as f64 * 1e-6)
     }

@@ -70,13 +70,24 @@ impl<'gpu> Renderer<'gpu> {
         let camera = scene
             .cameras
             .get(settings.camera)
-            .ok_or_else(|| RenderError::Setting(format!("there is no camera {}; the scene has {}", settings.camera, scene.cameras.len())))?
+            .ok_or_else(|| {
+                RenderError::Setting(format!(
+                    "there is no camera {}; the scene has {}",
+                    settings.camera,
+                    scene.cameras.len()
+                ))
+            })?
             .clone();
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
         let side = gpu.capabilities.max_texture_side;
         let bytes = u64::from(settings.width) * u64::from(settings.height) * 64;
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        if settings.width == 0 || settings.height == 0 || settings.width > side || settings.height > side || bytes > limit {
+        if settings.width == 0
+            || settings.height == 0
+            || settings.width > side
+            || settings.height > side
+            || bytes > limit
+        {
             return Err(RenderError::Setting(format!(
                 "an image of {}x{} does not fit this device: sides go up to {side}, pixels up to {}; choose a smaller --size",
                 settings.width,
@@ -86,7 +97,9 @@ impl<'gpu> Renderer<'gpu> {
         }
         let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
         if largest > side {
-            return Err(RenderError::Setting(format!("a view of {largest} texels a side does not fit this device, whose limit is {side}")));
+            return Err(RenderError::Setting(format!(
+                "a view of {largest} texels a side does not fit this device, whose limit is {side}"
+            )));
         }
         let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
         let (center, radius) = gpu_scene.sphere();
@@ -134,7 +147,15 @@ impl<'gpu> Renderer<'gpu> {
     fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
         loop {
             for (index, &iteration) in iterations.iter().enumerate() {
-                self.frame.iterate(self.gpu, &self.scene, &self.camera, &self.lights, &self.settings, iteration, index as u32);
+                self.frame.iterate(
+                    self.gpu,
+                    &self.scene,
+                    &self.camera,
+                    &self.lights,
+                    &self.settings,
+                    iteration,
+                    index as u32,
+                );
             }
             self.gpu.timings.collect(self.gpu)?;
             let views = self.plan.views().len().max(1);
@@ -153,7 +174,9 @@ impl<'gpu> Renderer<'gpu> {
             let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
             let words = self.plan.node_words();
             for (&[_, nodes], &(resolution, faces)) in needed.iter().zip(&self.plan.views()) {
-                let bytes = 4 * (u64::from(resolution).pow(2) * u64::from(faces) + words * (u64::from(nodes) + u64::from(nodes) / 2));
+                let bytes = 4
+                    * (u64::from(resolution).pow(2) * u64::from(faces)
+                        + words * (u64::from(nodes) + u64::from(nodes) / 2));
                 if bytes > limit {
                     return Err(RenderError::Setting(format!(
                         "a view of {resolution}^2 texels needs {nodes} list nodes, more than this device can bind; choose a smaller \
@@ -164,7 +187,8 @@ impl<'gpu> Renderer<'gpu> {
             self.stats.redone += u64::from(skipped.count_ones());
             log::info!("lists ran out of room in {} iterations; redoing them with more", skipped.count_ones());
             self.frame.grow(self.gpu, &self.scene, &needed);
-            iterations = iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
+            iterations =
+                iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
         }
     }
 

@@ -54,7 +54,9 @@ impl Sampler {
     #[must_use]
     pub fn new(seed: u32, iteration: u64) -> Self {
         // A hash, so that neighbouring seeds and sequences have nothing in common.
-        let mut x = u64::from(seed).wrapping_add((iteration / POINTS).wrapping_mul(0x9e37_79b9_7f4a_7c15)).wrapping_add(0x632b_e59b_d9b4_e019);
+        let mut x = u64::from(seed)
+            .wrapping_add((iteration / POINTS).wrapping_mul(0x9e37_79b9_7f4a_7c15))
+            .wrapping_add(0x632b_e59b_d9b4_e019);
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         Self { index: (iteration % POINTS) as u32, seed: (x ^ (x >> 31)) as u32 }

@@ -1,5 +1,7 @@
 //! A view's buffers: where it looks, its triangle records, its draw items and its lists (shaders/lib/view.wesl).
 
+use std::cell::Cell;
+
 use glam::Vec3;
 
 use crate::gpu::Gpu;
@@ -9,8 +11,10 @@ use crate::layouts;
 pub struct ViewBuffers {
     /// Texels along a side of a face.
     pub resolution: u32,
-    /// 6 around a point, 1 for a bundle.
+    /// Faces that there is room for: 6 around a point, 1 for a bundle.
     pub faces: u32,
+    /// Faces of what it looks at now.
+    looks_at: Cell<u32>,
     /// Draw items that fit.
     pub item_room: u64,
     /// Nodes that fit.
@@ -32,11 +36,19 @@ pub struct ViewBuffers {
 impl ViewBuffers {
     /// Allocates a view with the given room.
     #[must_use]
-    pub fn new(gpu: &Gpu, triangles: u32, resolution: u32, faces: u32, [item_room, node_room]: [u64; 2], node_words: u64) -> Self {
+    pub fn new(
+        gpu: &Gpu,
+        triangles: u32,
+        resolution: u32,
+        faces: u32,
+        [item_room, node_room]: [u64; 2],
+        node_words: u64,
+    ) -> Self {
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
         let out = Self {
             resolution,
             faces,
+            looks_at: Cell::new(faces),
             item_room,
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
@@ -52,11 +64,12 @@ impl ViewBuffers {
 
     /// Points the view somewhere; its resolution is filled in.
     pub fn look(&self, gpu: &Gpu, view: &layouts::View) {
+        self.looks_at.set(if view.kind == layouts::View::PARALLEL { 1 } else { self.faces });
         let view = layouts::View { resolution: self.resolution, ..*view };
         gpu.queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
     }
 
-    /// Texels of all faces.
+    /// Texels of all faces that there is room for.
     #[must_use]
     pub fn texels(&self) -> u64 {
         u64::from(self.resolution) * u64::from(self.resolution) * u64::from(self.faces)
@@ -65,7 +78,7 @@ impl ViewBuffers {
     /// Pixels of the atlas that holds the faces.
     #[must_use]
     pub fn atlas(&self) -> [u32; 2] {
-        if self.faces == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
+        if self.looks_at.get() == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
     }
 
     /// Records that the lists and the draw start empty.
@@ -78,7 +91,10 @@ impl ViewBuffers {
     /// Bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        [&self.view, &self.records, &self.draw, &self.items, &self.lists, &self.node_count].iter().map(|b| b.size()).sum()
+        [&self.view, &self.records, &self.draw, &self.items, &self.lists, &self.node_count]
+            .iter()
+            .map(|b| b.size())
+            .sum()
     }
 
     /// The bindings of group 2 (shaders/visibility/raster.wesl).
@@ -95,7 +111,12 @@ impl ViewBuffers {
 /// All directions from a point.
 #[must_use]
 pub fn perspective(origin: Vec3) -> layouts::View {
-    layouts::View { origin: origin.to_array(), kind: layouts::View::PERSPECTIVE, exclude: u32::MAX, ..Default::default() }
+    layouts::View {
+        origin: origin.to_array(),
+        kind: layouts::View::PERSPECTIVE,
+        exclude: u32::MAX,
+        ..Default::default()
+    }
 }
 
 /// A bundle along unit `forward` through the box `bounds`, turned by `angle` and moved by `offset` texels of `resolution`.

@@ -43,8 +43,16 @@ fn percentile_lies_between_ranks() {
 fn an_image_equals_itself() {
     let image = film(16, 16, |i| [i as f32, 0.5, 0.0]);
     let c = compare(&image, &image.clone()).unwrap();
-    let zero =
-        Comparison { width: 16, height: 16, mse: 0.0, rel_mse: 0.0, mean_bias: 0.0, p999: 0.0, flip: 0.0, non_finite: 0 };
+    let zero = Comparison {
+        width: 16,
+        height: 16,
+        mse: 0.0,
+        rel_mse: 0.0,
+        mean_bias: 0.0,
+        p999: 0.0,
+        flip: 0.0,
+        non_finite: 0,
+    };
     assert_eq!(c, zero);
 }
 

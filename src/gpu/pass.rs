@@ -18,10 +18,14 @@ struct Linked {
     workgroup: [u32; 3],
 }
 
-#[expect(clippy::panic, reason = "a shader of ours that does not link or parse is a bug that tests catch, not a condition to handle")]
+#[expect(
+    clippy::panic,
+    reason = "a shader of ours that does not link or parse is a bug that tests catch, not a condition to handle"
+)]
 fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
     let source = link(name, flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
-    let parsed = naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)));
+    let parsed =
+        naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)));
     let slots = parsed
         .global_variables
         .iter()
@@ -36,7 +40,13 @@ fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
 }
 
 #[expect(clippy::panic, reason = "a missing name is a bug in the pass that forgot it")]
-fn bind_groups(gpu: &Gpu, label: &str, slots: &Slots, layout: impl Fn(u32) -> wgpu::BindGroupLayout, bindings: Bindings) -> Vec<wgpu::BindGroup> {
+fn bind_groups(
+    gpu: &Gpu,
+    label: &str,
+    slots: &Slots,
+    layout: impl Fn(u32) -> wgpu::BindGroupLayout,
+    bindings: Bindings,
+) -> Vec<wgpu::BindGroup> {
     let groups = slots.values().map(|(group, _)| group + 1).max().unwrap_or(0);
     (0..groups)
         .map(|group| {
@@ -53,7 +63,11 @@ fn bind_groups(gpu: &Gpu, label: &str, slots: &Slots, layout: impl Fn(u32) -> wg
                         .clone(),
                 })
                 .collect();
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout: &layout(group), entries: &entries })
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(label),
+                layout: &layout(group),
+                entries: &entries,
+            })
         })
         .collect()
 }
@@ -76,7 +90,10 @@ impl Compute {
             layout: None,
             module: &module,
             entry_point: None,
-            compilation_options: wgpu::PipelineCompilationOptions { zero_initialize_workgroup_memory: false, ..Default::default() },
+            compilation_options: wgpu::PipelineCompilationOptions {
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
             cache: None,
         });
         Self { label, pipeline, slots, workgroup }
@@ -136,7 +153,12 @@ impl Raster {
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: None,
-            vertex: wgpu::VertexState { module: &module, entry_point: None, compilation_options: Default::default(), buffers: &[] },
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: None,
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
             primitive: wgpu::PrimitiveState::default(),
             depth_stencil: depth.map(|format| wgpu::DepthStencilState {
                 format,

@@ -15,7 +15,6 @@ impl Accumulate {
     }
 
     /// Records the pass.
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,

@@ -26,7 +26,6 @@ impl Connect {
     }
 
     /// Records the pass.
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,

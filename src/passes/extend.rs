@@ -22,7 +22,6 @@ impl Extend {
     }
 
     /// Records the pass.
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,

@@ -16,7 +16,6 @@ impl EyeVertices {
     }
 
     /// Records the pass.
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,

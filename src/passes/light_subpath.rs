@@ -25,7 +25,6 @@ impl LightSubpath {
     }
 
     /// Records the making of y1 (`vertex` 1, from the light) or y2 (from y1) and of the view from it.
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,

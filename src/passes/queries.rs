@@ -15,7 +15,6 @@ impl Queries {
     }
 
     /// Records `count` questions; answers are two words each (see the shader).
-    #[expect(clippy::too_many_arguments, reason = "a pass takes its inputs by name")]
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -29,7 +28,7 @@ impl Queries {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend([("questions", questions.as_entire_binding()), ("answers", answers.as_entire_binding())]);
         let groups = count.div_ceil(64);
-        let columns = groups.min(1 << 15).max(1);
+        let columns = groups.clamp(1, 1 << 15);
         self.0.record(gpu, encoder, [columns * 64, groups.div_ceil(columns)], &bindings);
     }
 }

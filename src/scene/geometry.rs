@@ -39,7 +39,7 @@ impl Geometry {
         let mut out = Self::default();
         for instance in &scene.instances {
             let mesh = &scene.meshes[instance.mesh];
-            let linear = Mat3A::from(instance.world_from_local.matrix3);
+            let linear = instance.world_from_local.matrix3;
             // Normals go with the cofactor matrix, which also stands up to a singular transform.
             let cofactor = Mat3A::from_cols(
                 linear.y_axis.cross(linear.z_axis),

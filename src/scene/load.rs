@@ -4,7 +4,9 @@ use std::path::Path;
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
-use super::{Camera, Environment, FovAxis, Light, LoadError, Mesh, Projection, Scene, gltf};
+use super::{
+    Camera, Environment, FovAxis, Geometry, Light, LoadError, Mesh, Projection, Scene, builtin, gltf, mitsuba,
+};
 
 /// Most triangles of all instances together: corners have to be countable in 32 bits, with room for acceleration structures.
 const MAX_TRIANGLES: usize = 1 << 28;
@@ -16,13 +18,12 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// # Errors
 /// Whatever is wrong with the file, with the place and the cause.
 pub fn load(spec: &str) -> Result<Scene, LoadError> {
-    if let Some(name) = spec.strip_prefix("builtin:") {
-        return Err(LoadError::new(spec, format!("there is no built-in scene `{name}`")));
-    }
     let path = Path::new(spec);
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let mut scene = match extension.as_str() {
+        _ if spec.starts_with("builtin:") => builtin::load(&spec["builtin:".len()..])?,
         "gltf" | "glb" => gltf::load(path)?,
+        "xml" => mitsuba::load(path)?,
         _ => {
             return Err(LoadError::new(spec, "not a scene: expected .gltf, .glb, .xml (Mitsuba) or builtin:NAME"));
         }
@@ -59,8 +60,14 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
         scene.warn("the scene has no surface");
     }
     if scene.cameras.is_empty() {
-        scene.cameras.push(framing_camera(bounds));
-        scene.warn("the scene has no camera: one that frames it from the front, right and above is added");
+        let geometry = Geometry::new(scene);
+        if let Some(camera) = interior_camera(&geometry) {
+            scene.cameras.push(camera);
+            scene.warn("the scene has no camera: one that looks along the longer way through its middle is added");
+        } else {
+            scene.cameras.push(framing_camera(bounds));
+            scene.warn("the scene has no camera: one that frames it from the front, right and above is added");
+        }
     }
     let shines = |material: usize| scene.materials[material].emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO);
     let emissive = scene.instances.iter().any(|i| shines(scene.meshes[i.mesh].material));
@@ -100,6 +107,36 @@ fn framing_camera([low, high]: [Vec3; 2]) -> Camera {
         projection: Projection::Perspective { fov, axis: FovAxis::Smaller },
         film_size: None,
     }
+}
+
+/// For a scene that encloses its middle on four sides and below: looks through the middle along the longer horizontal way.
+fn interior_camera(geometry: &Geometry) -> Option<Camera> {
+    let [low, high] = geometry.bounds;
+    let centre = 0.5 * (low + high);
+    let free = |direction: Vec3| {
+        (0..geometry.triangles.len())
+            .filter_map(|i| {
+                let [a, b, c] = geometry.positions(i).map(|p| p - centre);
+                let e = [b.cross(c), c.cross(a), a.cross(b)].map(|n| n.dot(direction));
+                let inside = e.iter().all(|&x| x >= 0.0) || e.iter().all(|&x| x <= 0.0);
+                let t = a.dot(b.cross(c)) / (e[0] + e[1] + e[2]);
+                (inside && t > 0.0 && t.is_finite()).then_some(t)
+            })
+            .reduce(f32::min)
+    };
+    let [right, left, back, front] = [free(Vec3::X)?, free(Vec3::NEG_X)?, free(Vec3::Z)?, free(Vec3::NEG_Z)?];
+    free(Vec3::NEG_Y)?;
+    let (axis, behind) = if right + left > back + front { (Vec3::NEG_X, right) } else { (Vec3::NEG_Z, back) };
+    let x = axis.cross(Vec3::Y);
+    Some(Camera {
+        name: "default".to_owned(),
+        world_from_camera: Affine3A::from_mat3_translation(
+            glam::Mat3::from_cols(x, Vec3::Y, -axis),
+            centre - axis * (0.9 * behind),
+        ),
+        projection: Projection::Perspective { fov: 60_f32.to_radians(), axis: FovAxis::Smaller },
+        film_size: None,
+    })
 }
 
 fn check_mesh(scene: &Scene, index: usize) -> Result<(), String> {

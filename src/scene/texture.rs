@@ -82,9 +82,8 @@ impl Image {
     /// # Errors
     /// A sentence saying what is wrong with the bytes.
     pub fn decode(bytes: &[u8], name: &str) -> Result<Self, String> {
-        let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|e| e.to_string())?;
+        let mut reader =
+            image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
         if reader.format().is_none()
             && let Ok(format) = image::ImageFormat::from_path(name)
         {

@@ -137,7 +137,6 @@ impl Materials {
     }
 
     /// The scene's texture for a reference to one; none where the file gives no image that we read.
-    #[expect(clippy::too_many_arguments, reason = "a reference to a texture is said in this many places of the file")]
     fn texture(
         &mut self,
         file: &File,

@@ -1,0 +1,285 @@
+//! Radiance from infinitely far away and the density by which its map is sampled.
+//!
+//! The map is bilinear between rows and columns, so it is sampled cell by cell, a cell being what lies between four texel
+//! centres (and between the poles and the nearest row where rows do not reach the poles). A cell is chosen by mean luminance
+//! times solid angle, and a point in it by the luminance's bilinear course: the density is that of the value, but for the
+//! sine's change within a cell and for colour.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{Mat3, Vec2, Vec3};
+
+use super::distribution::{Table, sample_linear};
+use crate::scene::{Environment, EnvironmentMap, Rows};
+
+/// Rec. 709 luminance.
+pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// A sky ready to be looked up and, if it has a map, sampled.
+pub struct Sky<'s> {
+    radiance: Vec3,
+    map: Option<&'s EnvironmentMap>,
+    world_from_environment: Mat3,
+    table: Option<SkyTable>,
+}
+
+/// Where bilinear interpolation meets a row: v and the row's index.
+type Knot = (f32, u32);
+
+struct SkyTable {
+    /// Ends of the bands of cells, ascending in v.
+    knots: Vec<Knot>,
+    rows: Table,
+    columns: Vec<Table>,
+    /// Integral of luminance times the band's sine over the unit square.
+    integral: f32,
+    /// Mean radiance times 4 pi, luminance: what the sky sends through a unit cross-section.
+    power: f32,
+}
+
+impl<'s> Sky<'s> {
+    /// Prepares an environment.
+    #[must_use]
+    pub fn new(environment: &'s Environment) -> Self {
+        let map = environment.map.as_ref();
+        let table = map.and_then(|map| SkyTable::new(map, environment.radiance.dot(LUMINANCE)));
+        Self { radiance: environment.radiance, map, world_from_environment: environment.world_from_environment, table }
+    }
+
+    /// Luminance of the flux through a unit disk from all directions; 0 for a constant sky, which is left to the BSDFs: they cannot
+    /// be beaten there.
+    #[must_use]
+    pub fn power(&self) -> f32 {
+        self.table.as_ref().map_or(0.0, |t| t.power)
+    }
+
+    /// Radiance that arrives along `-direction`.
+    #[must_use]
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        let Some(map) = self.map else { return self.radiance };
+        let at = self.coordinates(direction);
+        let (height, width) = (map.height as i64, i64::from(map.width));
+        let y = match map.rows {
+            Rows::Centred => at.y * map.height as f32 - 0.5,
+            Rows::AtPoles => at.y * (map.height - 1) as f32,
+        };
+        let x = at.x * map.width as f32 - 0.5;
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let texel = |dx: i64, dy: i64| {
+            let column = (x.floor() as i64 + dx).rem_euclid(width);
+            let row = (y.floor() as i64 + dy).clamp(0, height - 1);
+            Vec3::from(map.texels[(row * width + column) as usize])
+        };
+        let above = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
+        let below = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;
+        self.radiance * (above * (1.0 - fy) + below * fy)
+    }
+
+    /// A direction towards the sky and its density; none where it has no solid angle.
+    #[must_use]
+    pub fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
+        let (map, table) = (self.map?, self.table.as_ref()?);
+        let (band, _, y) = table.rows.sample(u.y);
+        let (cell, _, x) = table.columns[band].sample(u.x);
+        let [a, b, c, d] = table.corners(map, band, cell);
+        let fy = sample_linear(y, a + b, c + d);
+        let fx = sample_linear(x, a + (c - a) * fy, b + (d - b) * fy);
+        let (v0, v1) = (table.knots[band].0, table.knots[band + 1].0);
+        let v = v0 + (v1 - v0) * fy;
+        let phi = TAU * (cell as f32 + 0.5 + fx) / map.width as f32;
+        let (sin_theta, cos_theta) = (v * PI).sin_cos();
+        let local = Vec3::new(phi.sin() * sin_theta, cos_theta, -phi.cos() * sin_theta);
+        let direction = self.world_from_environment * local;
+        // Looked up again rather than carried over: rounding at a cell's edge then changes value and density alike.
+        let pdf_w = self.pdf_w(direction);
+        (pdf_w > 0.0).then_some((direction, pdf_w))
+    }
+
+    /// Density of a direction per solid angle, as [`Self::sample`] draws it.
+    #[must_use]
+    pub fn pdf_w(&self, direction: Vec3) -> f32 {
+        let (Some(map), Some(table)) = (self.map, &self.table) else { return 0.0 };
+        let at = self.coordinates(direction);
+        let sin_theta = (at.y * PI).sin();
+        if sin_theta <= 0.0 {
+            return 0.0;
+        }
+        let band = table.knots.partition_point(|k| k.0 <= at.y).clamp(1, table.knots.len() - 1) - 1;
+        let (v0, v1) = (table.knots[band].0, table.knots[band + 1].0);
+        let x = at.x * map.width as f32 - 0.5;
+        let cell = (x.floor() as i64).rem_euclid(i64::from(map.width)) as usize;
+        let (fx, fy) = (x - x.floor(), (at.y - v0) / (v1 - v0));
+        let [a, b, c, d] = table.corners(map, band, cell);
+        let value = (a + (b - a) * fx) * (1.0 - fy) + (c + (d - c) * fx) * fy;
+        // du dv = dw / (2 pi^2 sin theta).
+        value * table.band_sine(band) / (table.integral * TAU * PI * sin_theta)
+    }
+
+    /// u and v of a direction.
+    fn coordinates(&self, direction: Vec3) -> Vec2 {
+        let d = self.world_from_environment.transpose() * direction;
+        let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
+        Vec2::new(u, d.y.clamp(-1.0, 1.0).acos() / PI)
+    }
+}
+
+impl SkyTable {
+    /// None where the map is black.
+    fn new(map: &EnvironmentMap, scale: f32) -> Option<Self> {
+        let (width, height) = (map.width as usize, map.height);
+        let mut knots: Vec<Knot> = match map.rows {
+            Rows::AtPoles if height > 1 => (0..height).map(|r| (r as f32 / (height - 1) as f32, r)).collect(),
+            Rows::AtPoles => vec![(0.0, 0), (1.0, 0)],
+            Rows::Centred => (0..height).map(|r| ((r as f32 + 0.5) / height as f32, r)).collect(),
+        };
+        if map.rows == Rows::Centred {
+            knots.insert(0, (0.0, 0));
+            knots.push((1.0, height - 1));
+        }
+        let mut table = Self { knots, rows: Table::default(), columns: Vec::new(), integral: 0.0, power: 0.0 };
+        let mut bands = Vec::new();
+        for band in 0..table.knots.len() - 1 {
+            let cells: Vec<f32> =
+                (0..width).map(|cell| table.corners(map, band, cell).iter().sum::<f32>() * 0.25).collect();
+            let size = (table.knots[band + 1].0 - table.knots[band].0) / width as f32;
+            let columns = Table::new(&cells);
+            bands.push(columns.total() * size * table.band_sine(band));
+            table.columns.push(columns);
+        }
+        table.rows = Table::new(&bands);
+        table.integral = table.rows.total();
+        table.power = table.integral * TAU * PI * scale;
+        (table.power > 0.0 && table.power.is_finite()).then_some(table)
+    }
+
+    /// Luminances at a cell's corners: upper left, upper right, lower left, lower right.
+    fn corners(&self, map: &EnvironmentMap, band: usize, cell: usize) -> [f32; 4] {
+        let width = map.width as usize;
+        let luminance = |row: u32, column: usize| {
+            let texel = map.texels[row as usize * width + column % width];
+            Vec3::from(texel).dot(LUMINANCE).max(0.0)
+        };
+        let (above, below) = (self.knots[band].1, self.knots[band + 1].1);
+        [luminance(above, cell), luminance(above, cell + 1), luminance(below, cell), luminance(below, cell + 1)]
+    }
+
+    /// The sine of the polar angle in the middle of a band, which stands for all of it.
+    fn band_sine(&self, band: usize) -> f32 {
+        (0.5 * (self.knots[band].0 + self.knots[band + 1].0) * PI).sin()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::sampler::hash;
+
+    fn sky(rows: Rows) -> Environment {
+        let (width, height) = (16, 8);
+        let value = |i: u32| match i {
+            // A sun, and rows at the poles that differ from their neighbours.
+            53 => [90.0, 80.0, 60.0],
+            0..16 => [3.0, 1.0, 0.5],
+            112..128 => [0.0, 0.1 * (i % 5) as f32, 0.2],
+            _ => [0.2 + 0.1 * (hash(i) % 7) as f32, 0.3, 0.4 * (i % 3) as f32],
+        };
+        let map = EnvironmentMap { width, height, texels: (0..width * height).map(value).collect(), rows };
+        Environment {
+            radiance: Vec3::new(1.0, 2.0, 0.5),
+            map: Some(map),
+            world_from_environment: Mat3::from_rotation_y(0.7),
+        }
+    }
+
+    /// Integrates over the sphere with midpoints in the map's own coordinates.
+    fn integrate(f: impl Fn(Vec3) -> f32) -> f64 {
+        let (nu, nv) = (1024, 512);
+        let mut sum = 0.0;
+        for j in 0..nv {
+            let theta = PI * (j as f32 + 0.5) / nv as f32;
+            for i in 0..nu {
+                let phi = TAU * (i as f32 + 0.5) / nu as f32;
+                let d = Vec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+                sum += f64::from(f(d) * theta.sin());
+            }
+        }
+        sum * f64::from(TAU * PI) / f64::from(nu * nv)
+    }
+
+    #[test]
+    fn rows_are_met_where_they_are_said_to_be() {
+        let map = |rows| Environment {
+            radiance: Vec3::ONE,
+            map: Some(EnvironmentMap { width: 1, height: 3, texels: vec![[0.0; 3], [1.0; 3], [4.0; 3]], rows }),
+            world_from_environment: Mat3::IDENTITY,
+        };
+        let at = |environment: &Environment, v: f32| {
+            let d = Vec3::new(0.0, (v * PI).cos(), -(v * PI).sin());
+            Sky::new(environment).radiance(d).x
+        };
+        let poles = map(Rows::AtPoles);
+        let centred = map(Rows::Centred);
+        for (environment, v, expected) in [
+            (&poles, 0.0, 0.0),
+            (&poles, 0.25, 0.5),
+            (&poles, 0.5, 1.0),
+            (&poles, 1.0, 4.0),
+            (&centred, 0.0, 0.0),
+            (&centred, 1.0 / 6.0, 0.0),
+            (&centred, 1.0 / 3.0, 0.5),
+            (&centred, 0.5, 1.0),
+            (&centred, 0.9, 4.0),
+        ] {
+            assert!((at(environment, v) - expected).abs() < 1e-5, "v {v}: {} is not {expected}", at(environment, v));
+        }
+    }
+
+    #[test]
+    fn columns_follow_the_stated_azimuth() {
+        // u = atan2(x, -z) / 2 pi: +X is u = 1/4, +Z u = 1/2.
+        let texels = (0..4).map(|i| [i as f32; 3]).collect();
+        let environment = Environment {
+            radiance: Vec3::ONE,
+            map: Some(EnvironmentMap { width: 4, height: 1, texels, rows: Rows::Centred }),
+            world_from_environment: Mat3::IDENTITY,
+        };
+        let sky = Sky::new(&environment);
+        assert!((sky.radiance(Vec3::X).x - 0.5).abs() < 1e-5);
+        assert!((sky.radiance(Vec3::Z).x - 1.5).abs() < 1e-5);
+        assert!((sky.radiance(Vec3::NEG_X).x - 2.5).abs() < 1e-5);
+        assert!((sky.radiance(Vec3::NEG_Z).x - 1.5).abs() < 1e-5, "wraps: between 3 and 0");
+    }
+
+    #[test]
+    fn the_density_integrates_to_one_and_covers_the_value() {
+        for rows in [Rows::AtPoles, Rows::Centred] {
+            let environment = sky(rows);
+            let sky = Sky::new(&environment);
+            let total = integrate(|d| sky.pdf_w(d));
+            assert!((total - 1.0).abs() < 3e-3, "{rows:?}: {total}");
+            let uncovered = integrate(|d| if sky.pdf_w(d) == 0.0 { sky.radiance(d).x } else { 0.0 });
+            assert_eq!(uncovered, 0.0, "{rows:?}");
+        }
+    }
+
+    #[test]
+    fn sampling_gives_the_integral_of_the_radiance() {
+        for rows in [Rows::AtPoles, Rows::Centred] {
+            let environment = sky(rows);
+            let sky = Sky::new(&environment);
+            for axis in 0..3 {
+                let expected = integrate(|d| sky.radiance(d)[axis]);
+                let n = 1 << 16;
+                let mut sum = 0.0;
+                for i in 0..n {
+                    let [x, y, ..] = sobol_burley::sample_4d(i, 0, 5);
+                    let Some((d, pdf_w)) = sky.sample(Vec2::new(x, y)) else { continue };
+                    assert!((d.length() - 1.0).abs() < 1e-5);
+                    sum += f64::from(sky.radiance(d)[axis] / pdf_w);
+                }
+                let actual = sum / f64::from(n);
+                assert!((actual / expected - 1.0).abs() < 3e-3, "{rows:?} {axis}: {actual} is not {expected}");
+            }
+        }
+    }
+}

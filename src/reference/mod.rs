@@ -1,0 +1,185 @@
+//! The judge: a CPU path tracer that shares no code with the GPU side.
+//!
+//! Unidirectional paths with next-event estimation, multiple importance sampling and Russian roulette over every material and
+//! light of [`crate::scene`]. Unbiased but for the clamp of GGX widths at [`microfacet::MIN_ALPHA`], f32 rounding, and a step
+//! of 1e-6 of a coordinate's size off the surface. The same settings give the same image on any number of threads.
+//!
+//! [`Reference`] is built once per scene; [`Reference::render`] makes images, [`Reference::closest_hit`] and
+//! [`Reference::occluded`] answer single rays for tests of other visibility methods.
+
+pub mod bsdf;
+pub mod bvh;
+mod camera;
+mod distribution;
+mod environment;
+mod lights;
+pub mod microfacet;
+mod path;
+mod sampler;
+mod surface;
+mod texture;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{Vec2, Vec3};
+use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
+
+use crate::film::Film;
+use crate::scene::{Geometry, Scene, Sides};
+
+use self::bvh::{Bvh, Hit, NONE};
+use self::camera::Rays;
+use self::environment::Sky;
+use self::lights::Lights;
+use self::sampler::Sampler;
+use self::surface::Surfaces;
+use self::texture::Textures;
+
+/// Side of the square of pixels that one task renders.
+const TILE: u32 = 16;
+
+/// How to render.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReferenceSettings {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Paths per pixel; powers of two are stratified best.
+    pub samples: u32,
+    /// Indirect bounces, 0 is direct light only; none: as many as Russian roulette lets live.
+    pub bounces: Option<u32>,
+    /// Seed of all random numbers.
+    pub seed: u32,
+    /// Index into the scene's cameras.
+    pub camera: usize,
+}
+
+/// What rendering gave.
+#[derive(Clone, Debug)]
+pub struct ReferenceOutput {
+    /// The image.
+    pub film: Film,
+    /// Paths whose radiance was not finite. They are in the film as they are: nothing is masked.
+    pub non_finite: u64,
+    /// Rays traced: camera, bounces and shadows.
+    pub rays: u64,
+}
+
+/// A scene made ready for tracing.
+pub struct Reference<'s> {
+    scene: &'s Scene,
+    surfaces: Surfaces<'s>,
+    textures: Textures<'s>,
+    sky: Option<Sky<'s>>,
+    lights: Lights,
+    bvh: Bvh,
+    /// Whether rays can run into light: emissive surfaces or a sky.
+    emitters_can_be_hit: bool,
+}
+
+impl<'s> Reference<'s> {
+    /// Flattens the scene and builds its hierarchy and tables.
+    #[must_use]
+    pub fn new(scene: &'s Scene) -> Self {
+        let surfaces = Surfaces::new(scene);
+        let textures = Textures::new(scene);
+        let sky = scene.environment.as_ref().map(Sky::new);
+        let lights = Lights::new(scene, &surfaces.geometry, &textures, sky.as_ref());
+        let bvh = Bvh::new(&surfaces.geometry, |triangle| {
+            let material = surfaces.material(triangle);
+            material.alpha_mask.is_some() || material.sides == Sides::OneCulled
+        });
+        let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
+        let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);
+        Self { scene, surfaces, textures, sky, lights, bvh, emitters_can_be_hit }
+    }
+
+    /// The triangles that all indices refer to.
+    #[must_use]
+    pub fn geometry(&self) -> &Geometry {
+        &self.surfaces.geometry
+    }
+
+    /// Renders an image. `progress` hears how many of how many pixels are done, from any thread.
+    ///
+    /// # Panics
+    /// If the scene has no camera of that index.
+    #[must_use]
+    pub fn render(&self, settings: &ReferenceSettings, progress: &(dyn Fn(u64, u64) + Sync)) -> ReferenceOutput {
+        let ReferenceSettings { width, height, samples, .. } = *settings;
+        let rays = Rays::new(&self.scene.cameras[settings.camera], width, height);
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+        let total = u64::from(width) * u64::from(height);
+        let done = AtomicU64::new(0);
+        let tile = |index: u32| {
+            let (x0, y0) = (index % columns * TILE, index / columns * TILE);
+            let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
+            let mut tile = Tile { pixels: Vec::with_capacity((TILE * TILE) as usize), non_finite: 0, rays: 0 };
+            for y in y0..y1 {
+                for x in x0..x1 {
+                    let mut sum = [0.0_f64; 3];
+                    for sample in 0..samples {
+                        let mut sampler = Sampler::new(settings.seed, y * width + x, sample);
+                        let at = Vec2::new(x as f32, y as f32) + sampler.pair();
+                        let (origin, direction) = rays.ray(at);
+                        let path = self.path(origin, direction, settings.bounces, &mut sampler);
+                        tile.non_finite += u64::from(!path.radiance.is_finite());
+                        tile.rays += u64::from(path.rays);
+                        (0..3).for_each(|c| sum[c] += f64::from(path.radiance[c]));
+                    }
+                    tile.pixels.push(sum.map(|s| (s / f64::from(samples)) as f32));
+                }
+            }
+            let pixels = tile.pixels.len() as u64;
+            progress(done.fetch_add(pixels, Ordering::Relaxed) + pixels, total);
+            tile
+        };
+        let tiles: Vec<Tile> = (0..columns * rows).into_par_iter().with_max_len(1).map(tile).collect();
+        let mut output = ReferenceOutput { film: Film::new(width, height), non_finite: 0, rays: 0 };
+        for (index, tile) in (0..).zip(&tiles) {
+            let (x0, y0) = (index % columns * TILE, index / columns * TILE);
+            let across = TILE.min(width - x0) as usize;
+            for (y, row) in (y0..).zip(tile.pixels.chunks_exact(across)) {
+                let start = y as usize * width as usize + x0 as usize;
+                output.film.pixels[start..start + across].copy_from_slice(row);
+            }
+            output.non_finite += tile.non_finite;
+            output.rays += tile.rays;
+        }
+        output
+    }
+
+    /// What a ray meets first, alpha masks cut out, leaving out the triangle that it starts on. The direction need not have
+    /// unit length; `t` counts in its lengths.
+    #[must_use]
+    pub fn closest_hit(&self, origin: Vec3, direction: Vec3, exclude: Option<u32>) -> Option<Hit> {
+        let exclude = exclude.unwrap_or(NONE);
+        let origin = self.step_off(origin, direction, exclude);
+        self.bvh.closest(origin, direction, f32::INFINITY, exclude, |hit| self.surfaces.solid(hit, &self.textures))
+    }
+
+    /// Whether anything lies between two points, leaving out the triangles that they are on.
+    #[must_use]
+    pub fn occluded(&self, p: Vec3, q: Vec3, exclude_p: Option<u32>, exclude_q: Option<u32>) -> bool {
+        let (exclude_p, exclude_q) = (exclude_p.unwrap_or(NONE), exclude_q.unwrap_or(NONE));
+        let start = self.step_off(p, q - p, exclude_p);
+        let end = self.step_off(q, p - q, exclude_q);
+        let solid = |hit: &Hit| self.surfaces.solid(hit, &self.textures);
+        self.bvh.any(start, end - start, 1.0, [exclude_p, exclude_q], solid)
+    }
+
+    /// A point moved off its triangle to the side that a ray leaves for, by 1e-6 of its size: more than it was rounded by, so that
+    /// neighbours in the same plane, or a twin facing the other way, are not met either.
+    fn step_off(&self, point: Vec3, direction: Vec3, triangle: u32) -> Vec3 {
+        let Some(normal) = self.surfaces.normals.get(triangle as usize) else { return point };
+        let size = point.abs().max_element() * (8.0 * f32::EPSILON);
+        point + *normal * size.copysign(normal.dot(direction))
+    }
+}
+
+struct Tile {
+    pixels: Vec<[f32; 3]>,
+    non_finite: u64,
+    rays: u64,
+}

@@ -1,0 +1,85 @@
+//! Random numbers: per pixel an Owen-scrambled Sobol sequence (Burley, JCGT 2020), handed out in pairs.
+//!
+//! A pixel's seed scrambles and shuffles its sequence, so pixels are independent of each other and any first 2^k samples of one
+//! are stratified. Consecutive pairs come from consecutive dimensions of the same sequence; a path that asks for more than
+//! there are starts over with another seed.
+
+use glam::Vec2;
+use sobol_burley::{NUM_DIMENSION_SETS_4D, sample_4d};
+
+/// Samples in one Sobol sequence; later ones start another.
+const LENGTH: u32 = 1 << 16;
+
+/// The random numbers of one path.
+pub struct Sampler {
+    index: u32,
+    seed: u32,
+    set: u32,
+    spare: Option<Vec2>,
+}
+
+impl Sampler {
+    /// The numbers of a pixel's sample.
+    #[must_use]
+    pub fn new(seed: u32, pixel: u32, sample: u32) -> Self {
+        let seed = hash(hash(hash(seed).wrapping_add(pixel)).wrapping_add(sample / LENGTH));
+        Self { index: sample % LENGTH, seed, set: 0, spare: None }
+    }
+
+    /// The next point of the unit square, 1 excluded.
+    pub fn pair(&mut self) -> Vec2 {
+        if let Some(pair) = self.spare.take() {
+            return pair;
+        }
+        let dimensions = self.set % NUM_DIMENSION_SETS_4D;
+        let seed = if self.set < NUM_DIMENSION_SETS_4D { self.seed } else { hash(self.seed ^ self.set) };
+        self.set += 1;
+        let [a, b, c, d] = sample_4d(self.index, dimensions, seed);
+        self.spare = Some(Vec2::new(c, d));
+        Vec2::new(a, b)
+    }
+}
+
+/// A bijective mix of 32 bits (Chris Wellons' `lowbias32`).
+#[must_use]
+pub fn hash(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^= x >> 15;
+    x = x.wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pair_of_a_path_is_stratified_over_the_samples_of_a_pixel() {
+        for pixel in [0, 1, 77_777] {
+            let mut samplers: Vec<Sampler> = (0..256).map(|s| Sampler::new(3, pixel, s)).collect();
+            for pair in 0..8 {
+                let mut strata = [[0; 256]; 2];
+                for sampler in &mut samplers {
+                    let p = sampler.pair();
+                    assert!(p.min_element() >= 0.0 && p.max_element() < 1.0);
+                    strata[0][(p.x * 256.0) as usize] += 1;
+                    strata[1][(p.y * 256.0) as usize] += 1;
+                }
+                assert_eq!(strata, [[1; 256]; 2], "pixel {pixel}, pair {pair}");
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_seeds_and_late_samples_differ() {
+        let first = |seed, pixel, sample| Sampler::new(seed, pixel, sample).pair();
+        let all = [first(0, 0, 0), first(1, 0, 0), first(0, 1, 0), first(0, 0, 1), first(0, 0, LENGTH)];
+        for (i, a) in all.iter().enumerate() {
+            assert!(all[..i].iter().all(|b| a.distance(*b) > 1e-3), "{all:?}");
+        }
+        let mut long = Sampler::new(0, 0, 0);
+        let pairs: Vec<Vec2> = (0..2 * NUM_DIMENSION_SETS_4D + 2).map(|_| long.pair()).collect();
+        assert_ne!(pairs[0], pairs[2 * NUM_DIMENSION_SETS_4D as usize]);
+    }
+}

@@ -1,0 +1,213 @@
+//! What a path meets at a hit: position, normals, material.
+
+use glam::{Vec2, Vec3};
+
+use super::bsdf::{self, Bsdf};
+use super::bvh::Hit;
+use super::texture::Textures;
+use crate::scene::{Geometry, Material, NormalMap, Scene, Sides};
+
+/// An orthonormal frame around a shading normal.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    x: Vec3,
+    y: Vec3,
+    /// The normal.
+    pub z: Vec3,
+}
+
+impl Frame {
+    /// A frame around a unit vector (Duff et al., JCGT 2017).
+    #[must_use]
+    pub fn new(z: Vec3) -> Self {
+        let sign = 1.0_f32.copysign(z.z);
+        let a = -1.0 / (sign + z.z);
+        let b = z.x * z.y * a;
+        Self {
+            x: Vec3::new(1.0 + sign * z.x * z.x * a, sign * b, -sign * z.x),
+            y: Vec3::new(b, sign + z.y * z.y * a, -z.y),
+            z,
+        }
+    }
+
+    /// Into the frame.
+    #[must_use]
+    pub fn local(&self, w: Vec3) -> Vec3 {
+        Vec3::new(w.dot(self.x), w.dot(self.y), w.dot(self.z))
+    }
+
+    /// Out of the frame.
+    #[must_use]
+    pub fn world(&self, w: Vec3) -> Vec3 {
+        self.x * w.x + self.y * w.y + self.z * w.z
+    }
+}
+
+/// A point of a surface, seen from one side.
+pub struct Surface<'s> {
+    /// World space, on the triangle.
+    pub position: Vec3,
+    /// Unit normal of the triangle, on the viewer's side.
+    pub normal: Vec3,
+    /// Around the shading normal, on the viewer's side.
+    pub frame: Frame,
+    /// Whether the viewer sees the counter-clockwise side.
+    pub front: bool,
+    /// Texture coordinates.
+    pub uvs: [Vec2; 2],
+    /// Colour of the vertices, with alpha left out.
+    pub vertex_color: Vec3,
+    /// The material's index and itself.
+    pub material: (usize, &'s Material),
+}
+
+/// Triangles and materials, ready for hits.
+pub struct Surfaces<'s> {
+    /// World-space triangles.
+    pub geometry: Geometry,
+    /// Unit normals of the triangles, front side.
+    pub normals: Vec<Vec3>,
+    materials: &'s [Material],
+    prepared: Vec<f32>,
+}
+
+impl<'s> Surfaces<'s> {
+    /// Flattens a scene.
+    #[must_use]
+    pub fn new(scene: &'s Scene) -> Self {
+        let geometry = Geometry::new(scene);
+        let normal = |i| {
+            let [a, b, c] = geometry.positions(i);
+            (b - a).cross(c - a).normalize_or_zero()
+        };
+        Self {
+            normals: (0..geometry.triangles.len()).map(normal).collect(),
+            prepared: scene.materials.iter().map(|m| bsdf::prepare(&m.bsdf)).collect(),
+            materials: &scene.materials,
+            geometry,
+        }
+    }
+
+    /// The material of a triangle.
+    #[must_use]
+    pub fn material(&self, triangle: u32) -> &'s Material {
+        &self.materials[self.geometry.materials[triangle as usize] as usize]
+    }
+
+    /// Whether a point of a triangle is there at all, or cut out by an alpha mask.
+    #[must_use]
+    pub fn solid(&self, hit: &Hit, textures: &Textures) -> bool {
+        let Some(mask) = &self.material(hit.triangle).alpha_mask else { return true };
+        let corners = self.geometry.triangles[hit.triangle as usize].map(|i| &self.geometry.vertices[i as usize]);
+        let weights = weights(hit);
+        let uvs = [0, 1].map(|set| (0..3).map(|i| corners[i].uvs[set] * weights[i]).sum());
+        let alpha: f32 = (0..3).map(|i| corners[i].color.w * weights[i]).sum();
+        textures.scalar(&mask.value, uvs) * alpha >= mask.cutoff
+    }
+
+    /// The surface at a hit, for a ray that came along `direction`.
+    #[must_use]
+    pub fn at(&self, hit: &Hit, direction: Vec3, textures: &Textures) -> Surface<'s> {
+        let corners = self.geometry.triangles[hit.triangle as usize].map(|i| &self.geometry.vertices[i as usize]);
+        let weights = weights(hit);
+        let flat = self.normals[hit.triangle as usize];
+        let front = flat.dot(direction) < 0.0;
+        let side = if front { 1.0 } else { -1.0 };
+        let uvs = [0, 1].map(|set| (0..3).map(|i| corners[i].uvs[set] * weights[i]).sum());
+        let smooth = (0..3).map(|i| corners[i].normal * weights[i]).sum::<Vec3>();
+        let mut shading = smooth.try_normalize().unwrap_or(flat);
+        let index = self.geometry.materials[hit.triangle as usize] as usize;
+        let material = &self.materials[index];
+        if let Some(map) = &material.normal_map {
+            let tangent = (0..3).map(|i| corners[i].tangent.truncate() * weights[i]).sum::<Vec3>();
+            let handedness = corners[0].tangent.w;
+            let tangent = if handedness == 0.0 {
+                let set = map.texture.uv_set as usize & 1;
+                tangent_from_uv(corners.map(|c| c.position), corners.map(|c| c.uvs[set]), shading)
+            } else {
+                Some((tangent, handedness))
+            };
+            if let Some((tangent, handedness)) = tangent {
+                shading = bend(map, textures, uvs, shading, tangent, handedness);
+            }
+        }
+        Surface {
+            position: (0..3).map(|i| corners[i].position * weights[i]).sum(),
+            normal: flat * side,
+            frame: Frame::new(shading * side),
+            front,
+            uvs,
+            vertex_color: (0..3).map(|i| corners[i].color.truncate() * weights[i]).sum(),
+            material: (index, material),
+        }
+    }
+
+    /// How a surface reflects; none where it is black.
+    #[must_use]
+    pub fn bsdf(&self, surface: &Surface, textures: &Textures) -> Option<Bsdf> {
+        let (index, material) = surface.material;
+        let reflects = surface.front || material.sides == Sides::Two;
+        reflects.then(|| Bsdf::new(&material.bsdf, self.prepared[index], textures, surface.uvs, surface.vertex_color))
+    }
+}
+
+fn weights(hit: &Hit) -> [f32; 3] {
+    [1.0 - hit.bary[0] - hit.bary[1], hit.bary[0], hit.bary[1]]
+}
+
+/// The direction in which u grows, and the sign that makes normal x tangent point up the image (v runs down it).
+fn tangent_from_uv(p: [Vec3; 3], uv: [Vec2; 3], normal: Vec3) -> Option<(Vec3, f32)> {
+    let (p1, p2) = (p[1] - p[0], p[2] - p[0]);
+    let (t1, t2) = (uv[1] - uv[0], uv[2] - uv[0]);
+    let det = t1.perp_dot(t2);
+    if det == 0.0 {
+        return None;
+    }
+    let along_u = (p1 * t2.y - p2 * t1.y) / det;
+    let up = (p1 * t2.x - p2 * t1.x) / det;
+    Some((along_u, 1.0_f32.copysign(normal.cross(along_u).dot(up))))
+}
+
+/// The normal that a normal map asks for, or the old one where the map makes no sense.
+fn bend(map: &NormalMap, textures: &Textures, uvs: [Vec2; 2], normal: Vec3, tangent: Vec3, handedness: f32) -> Vec3 {
+    let texel = textures.fetch(&map.texture, uvs).truncate() * 2.0 - 1.0;
+    let Some(tangent) = (tangent - normal * normal.dot(tangent)).try_normalize() else { return normal };
+    let bitangent = normal.cross(tangent) * handedness;
+    let bent = tangent * (texel.x * map.scale) + bitangent * (texel.y * map.scale) + normal * texel.z;
+    bent.try_normalize().unwrap_or(normal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_orthonormal() {
+        for z in [Vec3::Z, Vec3::NEG_Z, Vec3::X, Vec3::new(0.3, -0.5, -0.8).normalize()] {
+            let f = Frame::new(z);
+            for (a, b, expected) in
+                [(f.x, f.x, 1.0), (f.y, f.y, 1.0), (f.x, f.y, 0.0), (f.x, f.z, 0.0), (f.y, f.z, 0.0)]
+            {
+                assert!((a.dot(b) - expected).abs() < 1e-6, "{f:?}");
+            }
+            let w = Vec3::new(0.1, 0.7, -0.2);
+            assert!(f.world(f.local(w)).distance(w) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn tangents_follow_u_and_bitangents_go_up_the_image() {
+        // A quad in xy, image upright: u along +x, v down, so up the image is +y.
+        let p = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let uv = [Vec2::new(0.0, 1.0), Vec2::new(1.0, 1.0), Vec2::new(0.0, 0.0)];
+        let (tangent, handedness) = tangent_from_uv(p, uv, Vec3::Z).unwrap();
+        assert!(tangent.distance(Vec3::X) < 1e-6);
+        assert!((Vec3::Z.cross(tangent) * handedness).distance(Vec3::Y) < 1e-6);
+        // Mirrored in u: the tangent turns round and the bitangent stays.
+        let uv = uv.map(|t| Vec2::new(-t.x, t.y));
+        let (tangent, handedness) = tangent_from_uv(p, uv, Vec3::Z).unwrap();
+        assert!(tangent.distance(Vec3::NEG_X) < 1e-6);
+        assert!((Vec3::Z.cross(tangent) * handedness).distance(Vec3::Y) < 1e-6);
+        assert!(tangent_from_uv(p, [Vec2::ZERO; 3], Vec3::Z).is_none());
+    }
+}

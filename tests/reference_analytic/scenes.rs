@@ -1,0 +1,144 @@
+//! Small scenes built by hand for the tests of the reference.
+
+use glam::{Affine3A, Vec2, Vec3};
+use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
+use lightsheaf::scene::{Camera, Emission, FovAxis, Instance, Material, Mesh, Projection, Scene};
+
+/// Adds a mesh with a material of its own.
+pub fn add(scene: &mut Scene, mut mesh: Mesh, material: Material) {
+    mesh.material = scene.materials.len();
+    scene.materials.push(material);
+    scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
+    scene.meshes.push(mesh);
+}
+
+/// Two triangles with corners a, a + u, a + u + v, a + v; the front is where u turns counter-clockwise into v. uv (0, 0) at a + v,
+/// as of an image seen upright with u to the right and v up.
+pub fn quad(a: Vec3, u: Vec3, v: Vec3) -> Mesh {
+    Mesh {
+        positions: vec![a, a + u, a + u + v, a + v],
+        uvs: [vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO], Vec::new()],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
+/// A floor at height y, front up, from -half to half.
+pub fn floor(half: f32, y: f32) -> Mesh {
+    quad(Vec3::new(-half, y, half), Vec3::X * (2.0 * half), Vec3::NEG_Z * (2.0 * half))
+}
+
+/// The inside of a box from -1 to 1, fronts inwards.
+pub fn room() -> Mesh {
+    let mut mesh = Mesh::default();
+    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+        for n in [n, -n] {
+            // Seen from the inside, u turns counter-clockwise into -n x u.
+            let v = (-n).cross(u);
+            let base = mesh.positions.len() as u32;
+            let side = quad(n - u - v, 2.0 * u, 2.0 * v);
+            mesh.positions.extend(side.positions);
+            mesh.triangles.extend(side.triangles.iter().map(|t| t.map(|i| i + base)));
+        }
+    }
+    mesh
+}
+
+/// An icosahedron subdivided onto the unit sphere, fronts outwards, flat.
+pub fn sphere(subdivisions: u32) -> Mesh {
+    let g = (1.0 + 5.0_f32.sqrt()) / 2.0;
+    let mut positions: Vec<Vec3> = Vec::new();
+    for (a, b) in [(1.0, g), (-1.0, g), (1.0, -g), (-1.0, -g)] {
+        positions.extend([Vec3::new(0.0, a, b), Vec3::new(a, b, 0.0), Vec3::new(b, 0.0, a)].map(Vec3::normalize));
+    }
+    // An icosahedron of circumradius 1 has edges of 2 / sqrt(1 + g^2); the next distance is g times that.
+    let edge = 2.0 / (1.0 + g * g).sqrt() * 1.1;
+    let mut triangles = Vec::new();
+    for i in 0..12_u32 {
+        for j in i + 1..12 {
+            for k in j + 1..12 {
+                let [p, q, r] = [i, j, k].map(|i| positions[i as usize]);
+                if p.distance(q) < edge && q.distance(r) < edge && r.distance(p) < edge {
+                    triangles.push(if (q - p).cross(r - p).dot(p) > 0.0 { [i, j, k] } else { [i, k, j] });
+                }
+            }
+        }
+    }
+    assert_eq!(triangles.len(), 20);
+    for _ in 0..subdivisions {
+        let mut middles = std::collections::HashMap::new();
+        let mut finer = Vec::new();
+        for [a, b, c] in triangles {
+            let mut middle = |a: u32, b: u32| {
+                *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    positions.push((positions[a as usize] + positions[b as usize]).normalize());
+                    positions.len() as u32 - 1
+                })
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    Mesh { positions, triangles, ..Mesh::default() }
+}
+
+/// Turns a mesh inside out.
+pub fn inverted(mut mesh: Mesh) -> Mesh {
+    mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    mesh
+}
+
+/// A diffuse material that emits.
+pub fn emitter(albedo: f32, radiance: Vec3, two_sided: bool) -> Material {
+    Material {
+        emission: Some(Emission { radiance: radiance.into(), two_sided }),
+        ..Material::diffuse("emitter", Vec3::splat(albedo))
+    }
+}
+
+/// A parallel camera that looks along a direction at a square of the given half side.
+pub fn parallel(at: Vec3, along: Vec3, half: f32) -> Camera {
+    Camera {
+        name: "parallel".into(),
+        world_from_camera: look(at, along),
+        projection: Projection::Orthographic { half_extent: Vec2::splat(half) },
+        film_size: None,
+    }
+}
+
+/// A pinhole with a full angle of view in radians.
+pub fn pinhole(at: Vec3, along: Vec3, fov: f32) -> Camera {
+    Camera {
+        name: "pinhole".into(),
+        world_from_camera: look(at, along),
+        projection: Projection::Perspective { fov, axis: FovAxis::Y },
+        film_size: None,
+    }
+}
+
+fn look(at: Vec3, along: Vec3) -> Affine3A {
+    let z = -along.normalize();
+    let x = if z.y.abs() > 0.99 { Vec3::X } else { Vec3::Y.cross(z).normalize() };
+    Affine3A::from_mat3_translation(glam::Mat3::from_cols(x, z.cross(x), z), at)
+}
+
+/// Renders a square image silently.
+pub fn render(scene: &Scene, side: u32, samples: u32, bounces: Option<u32>) -> ReferenceOutput {
+    let settings = ReferenceSettings { width: side, height: side, samples, bounces, seed: 1, camera: 0 };
+    let output = Reference::new(scene).render(&settings, &|_, _| ());
+    assert_eq!(output.film.pixels.len(), (side * side) as usize);
+    output
+}
+
+/// Mean of an image.
+pub fn mean(output: &ReferenceOutput) -> [f64; 3] {
+    let pixels = &output.film.pixels;
+    [0, 1, 2].map(|c| pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / pixels.len() as f64)
+}
+
+/// Asserts that a value is within a relative tolerance of what it should be.
+#[track_caller]
+pub fn close(actual: f64, expected: f64, tolerance: f64) {
+    assert!((actual - expected).abs() <= tolerance * expected.abs(), "{actual} is not {expected} within {tolerance}");
+}
