@@ -16,7 +16,6 @@ mod sensors;
 mod serialized;
 mod shapes;
 mod spectra;
-mod tangents;
 mod textures;
 mod values;
 mod xml;
@@ -70,7 +69,13 @@ impl<'a> Loader<'a> {
             "emitter" | "luminaire" => self.emitter(element),
             // Read when a shape refers to them.
             "bsdf" | "texture" | "spectrum" | "rgb" | "srgb" => Ok(()),
-            "integrator" | "sampler" | "film" | "alias" | "ref" | "string" | "integer" | "float" | "boolean" => Ok(()),
+            "integrator" => {
+                if self.plugin(element)?.boolean("hide_emitters")? == Some(true) {
+                    self.warn("hide_emitters is ignored: the camera sees lights and sky");
+                }
+                Ok(())
+            }
+            "sampler" | "film" | "alias" | "ref" | "string" | "integer" | "float" | "boolean" => Ok(()),
             "medium" | "volume" | "phase" | "subsurface" => {
                 self.warn(format!("{}: participating media are not supported; it is left out", element.title()));
                 Ok(())
