@@ -97,17 +97,17 @@ pub struct Settings {
     #[arg(skip = Self::default().height)]
     pub height: u32,
     /// Iterations (raster) or paths per pixel (reference)
-    #[arg(long, value_name = "N", default_value_t = Self::default().samples)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples)]
     pub samples: u32,
     /// As many samples as this time allows, instead of a number; counted from the first sample on
     #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
     pub budget: Option<f64>,
     /// Indirect bounces: 0 is direct light only, at most 64; the reference also takes `unlimited`
-    #[arg(long, value_name = "N", value_parser = parse_bounces, default_value_t = Self::default().bounces)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces)]
     #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
     /// Seed of all random numbers: the same seed, device and driver give the same bytes
-    #[arg(long, value_name = "N", default_value_t = Self::default().seed)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed)]
     pub seed: u32,
     /// How raster tests visibility
     #[arg(long, value_enum, default_value_t = Self::default().visibility, help_heading = RASTER)]
@@ -119,13 +119,13 @@ pub struct Settings {
     #[arg(long, value_name = "B", default_value_t = Self::default().beta, allow_negative_numbers = true, help_heading = RASTER)]
     pub beta: f32,
     /// Texels along a side of a ray-bundle, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", help_heading = RASTER)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub bundle_resolution: Option<u32>,
     /// Texels along a side of each of the six faces around a light, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", help_heading = RASTER)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub light_resolution: Option<u32>,
     /// Texels along a side of each of the six faces around a VPL, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", help_heading = RASTER)]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub vpl_resolution: Option<u32>,
     /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
     #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]

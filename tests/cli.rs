@@ -168,7 +168,7 @@ fn bad_values_are_named() {
     bad(&["--size", "64"], "640x360");
     bad(&["--size", "99999x2"], "--size 99999x2");
     bad(&["--samples", "0"], "--samples 0: has to be 1 to");
-    bad(&["--samples", "-1"], "--samples");
+    bad(&["--samples", "-1"], "'--samples <N>'");
     bad(&["--samples", "4", "--budget", "1"], "--budget");
     bad(&["--budget", "-1"], "--budget -1");
     bad(&["--bounces", "65"], "--bounces 65: has to be 0 to 64");
