@@ -130,6 +130,9 @@ pub struct Settings {
     /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
     #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
     pub paper_clamp: f32,
+    /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
+    #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
+    pub list_room: f32,
     /// Index of the camera in the scene.
     #[arg(skip = Self::default().camera)]
     pub camera: usize,
@@ -155,6 +158,7 @@ impl Default for Settings {
             light_resolution: None,
             vpl_resolution: None,
             paper_clamp: 0.05,
+            list_room: 1.0,
             camera: 0,
         }
     }
@@ -200,6 +204,9 @@ impl Settings {
         if !BETAS.contains(&beta) {
             return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
         }
+        if !(0.001..=16.0).contains(&self.list_room) {
+            return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
+        }
         if !(0.0..=1.0).contains(&paper_clamp) {
             return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
         }
@@ -229,6 +236,7 @@ impl Settings {
             ("--visibility", (self.visibility != default.visibility).then(|| self.visibility.to_string())),
             ("--strategies", (self.strategies != default.strategies).then(|| self.strategies.to_string())),
             ("--beta", (self.beta != default.beta).then(|| self.beta.to_string())),
+            ("--list-room", (self.list_room != default.list_room).then(|| self.list_room.to_string())),
             ("--paper-clamp", (self.paper_clamp != default.paper_clamp).then(|| self.paper_clamp.to_string())),
         ];
         let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string())));
@@ -288,6 +296,7 @@ mod tests {
             ("--bounces", Settings { bounces: UNLIMITED, ..base.clone() }),
             ("--beta", Settings { beta: f32::NAN, ..base.clone() }),
             ("--beta", Settings { beta: -1.0, ..base.clone() }),
+            ("--list-room", Settings { list_room: 0.0, ..base.clone() }),
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
             ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),
