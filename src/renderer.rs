@@ -134,7 +134,8 @@ impl<'gpu> Renderer<'gpu> {
     pub fn render(&mut self, iterations: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = self.samples + iterations;
         while self.samples < end {
-            let count = u64::from(BATCH).min(end - self.samples);
+            // The first iteration alone, so that little has to be redone where the guess of room was too small.
+            let count = if self.samples == 0 { 1 } else { u64::from(BATCH).min(end - self.samples) };
             self.batch((self.samples..self.samples + count).collect())?;
             self.samples += count;
             if !progress(self.samples) {
