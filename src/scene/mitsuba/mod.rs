@@ -1,6 +1,6 @@
 //! Mitsuba scenes: XML of the dialects 0.5/0.6 and 2/3.
 //!
-//! [`load`] reads the XML into one tree ([`xml`]), then walks the root's children: `sensors`, `shapes` (with the mesh files
+//! [`load`] reads the XML into one tree (`xml`), then walks the root's children: `sensors`, `shapes` (with the mesh files
 //! `ply`, `obj` and `serialized`), `bsdfs` with `textures` and `metals`, `emitters`. Values are read by `values` and `spectra`;
 //! parameters that nobody asked for are named in a warning. The integrator's and sampler's settings are the command line's
 //! business and are ignored. A scene without sensor or light is returned as it is.
