@@ -185,10 +185,16 @@ impl FramePlan {
         if self.fast { 3 } else { 2 }
     }
 
+    /// Whether shaders have code for lobes beside the diffuse one.
+    #[must_use]
+    pub fn glossy(&self) -> bool {
+        self.surface_flags.contains(&"GLOSSY")
+    }
+
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = stats.triangles as u64;
-        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + 16 + 32 + 8;
+        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16 + 32 + 8;
         let views: u64 = self
             .views()
             .iter()

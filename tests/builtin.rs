@@ -85,13 +85,8 @@ fn reference_scenes_equal_their_files() {
             assert_eq!((a.radiance, a.world_from_environment), (b.radiance, b.world_from_environment));
             let (a, b) = (a.map.as_ref().expect("a map"), b.map.as_ref().expect("a map"));
             assert_eq!((a.width, a.height, a.rows), (b.width, b.height, b.rows));
-            let apart = a
-                .texels
-                .iter()
-                .flatten()
-                .zip(b.texels.iter().flatten())
-                .map(|(a, b)| (a - b).abs() / b)
-                .fold(0.0, f32::max);
+            let apart =
+                a.texels.iter().flatten().zip(b.texels.iter().flatten()).map(|(a, b)| (a - b).abs() / b).fold(0.0, f32::max);
             assert!(apart < 1e-6, "the sky's texels are {apart} apart");
         }
         assert_eq!(theirs.warnings, Vec::<String>::new(), "{name}");

@@ -1,0 +1,258 @@
+//! The plan: what runs for which scene, and why. Needs no GPU.
+
+use lightsheaf::gpu::Capabilities;
+use lightsheaf::plan::{Connection, FramePlan};
+use lightsheaf::scene::SceneStats;
+use lightsheaf::settings::{Settings, Strategies, Visibility};
+
+fn capabilities() -> Capabilities {
+    Capabilities {
+        adapter: "none".to_owned(),
+        software: true,
+        timestamps: false,
+        max_binding_bytes: 128 << 20,
+        max_buffer_bytes: 1 << 30,
+        max_texture_side: 8192,
+        max_texture_layers: 256,
+    }
+}
+
+/// A box of diffuse walls without any light.
+fn dark() -> SceneStats {
+    SceneStats {
+        triangles: 32,
+        vertices: 96,
+        materials: 3,
+        radius: 1.7,
+        mean_triangle_size: 0.3,
+        ..SceneStats::default()
+    }
+}
+
+fn one_light() -> SceneStats {
+    SceneStats { lights: 1, ..dark() }
+}
+
+fn bounces(bounces: u32) -> Settings {
+    Settings { bounces, ..Settings::default() }
+}
+
+fn with(strategies: Strategies, bounces: u32) -> Settings {
+    Settings { strategies, bounces, ..Settings::default() }
+}
+
+fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
+    let plan = FramePlan::new(stats, settings, &capabilities());
+    let counts = [plan.light_vertices.saturating_sub(1), plan.connections.len() as u32, plan.extensions.len() as u32];
+    assert_eq!(["light_subpath", "connect", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
+    assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32);
+    assert!(plan.bytes > 0);
+    let text = plan.to_string();
+    for pass in &plan.passes {
+        assert!(!pass.reason.is_empty(), "{} has no reason", pass.name);
+        assert!(text.contains(pass.name) && text.contains(&pass.reason), "{text}");
+    }
+    plan
+}
+
+fn runs(plan: &FramePlan, name: &str) -> u32 {
+    let passes: Vec<_> = plan.passes.iter().filter(|p| p.name == name).collect();
+    assert_eq!(passes.len(), 1, "{name} is listed {} times", passes.len());
+    passes[0].runs
+}
+
+/// Names and runs of all passes, skipped ones included.
+fn table(plan: &FramePlan) -> Vec<(&'static str, u32)> {
+    plan.passes.iter().map(|p| (p.name, p.runs)).collect()
+}
+
+/// (s, t) of all connections.
+fn strategies(plan: &FramePlan) -> Vec<(u32, u32)> {
+    plan.connections.iter().map(|c| (c.s, c.j + 1)).collect()
+}
+
+/// (j, last) of all extensions.
+fn extensions(plan: &FramePlan) -> Vec<(u32, bool)> {
+    plan.extensions.iter().map(|e| (e.j, e.last)).collect()
+}
+
+#[test]
+fn without_light_only_the_camera_looks() {
+    let plan = plan(&dark(), &bounces(2));
+    let expected = [
+        ("view_setup", 0),
+        ("view_lists", 0),
+        ("light_subpath", 0),
+        ("gbuffer", 1),
+        ("eye_vertices", 1),
+        ("connect", 0),
+        ("extend", 0),
+        ("accumulate", 1),
+    ];
+    assert_eq!(table(&plan), expected);
+    assert!(plan.views().is_empty() && plan.surface_flags.is_empty() && plan.light_flags.is_empty());
+}
+
+#[test]
+fn a_point_light_by_number_of_bounces() {
+    let direct = plan(&one_light(), &bounces(0));
+    assert_eq!(strategies(&direct), [(1, 2)]);
+    assert_eq!((direct.light_vertices, extensions(&direct)), (1, vec![]));
+    assert_eq!(runs(&direct, "view_lists"), 1);
+
+    let one = plan(&one_light(), &bounces(1));
+    assert_eq!(strategies(&one), [(1, 2), (2, 2), (1, 3)]);
+    assert_eq!((one.light_vertices, extensions(&one)), (2, vec![(1, false)]));
+
+    let two = plan(&one_light(), &bounces(2));
+    assert_eq!((two.light_vertices, extensions(&two)), (3, vec![(1, false), (2, false)]));
+    assert_eq!(runs(&two, "view_setup"), 5);
+
+    // Longer paths have the same three strategies each, at every vertex deeper by one.
+    let three = plan(&one_light(), &bounces(3));
+    assert_eq!(strategies(&three), [(1, 2), (2, 2), (3, 2), (1, 3), (2, 3), (3, 3), (1, 4), (2, 4), (1, 5)]);
+    assert_eq!((three.light_vertices, extensions(&three)), (3, vec![(1, false), (2, false), (3, false)]));
+
+    let many = plan(&one_light(), &bounces(16));
+    assert_eq!((many.light_vertices, many.extensions.len()), (3, 16));
+    assert_eq!(many.connections.len(), 17 + 16 + 15);
+    for k in 0..=16 {
+        let of_length: Vec<_> = many.connections.iter().filter(|c| c.s + c.j - 2 == k).collect();
+        assert_eq!(of_length.len() as u32, 3.min(k + 1), "bounces {k}");
+        let allowed = [true, k >= 1, k >= 2];
+        assert!(of_length.iter().all(|c| c.allowed == allowed && !c.clamped), "{of_length:?}");
+    }
+}
+
+#[test]
+fn two_bounces_have_six_connections_under_mis() {
+    let plan = plan(&one_light(), &bounces(2));
+    let c = |s, j, allowed| Connection { s, j, allowed, clamped: false };
+    let direct = [true, false, false];
+    let once = [true, true, false];
+    let twice = [true, true, true];
+    let expected = [c(1, 1, direct), c(2, 1, once), c(3, 1, twice), c(1, 2, once), c(2, 2, twice), c(1, 3, twice)];
+    assert_eq!(plan.connections, expected);
+    let reason = &plan.passes.iter().find(|p| p.name == "connect").unwrap().reason;
+    assert!(reason.contains("(1, 2) (2, 2) (3, 2) (1, 3) (2, 3) (1, 4)"), "{reason}");
+}
+
+/// Whatever the settings: every strategy that runs takes part in its own MIS, and all that take part run.
+#[test]
+fn masks_and_connections_agree() {
+    let mut seen = 0;
+    for strategy in [Strategies::All, Strategies::Vpl, Strategies::Bundle, Strategies::Paper] {
+        for k in 0..=16 {
+            let plan = plan(&one_light(), &with(strategy, k));
+            for length in 0..=k {
+                let of_length: Vec<_> = plan.connections.iter().filter(|c| c.s + c.j - 2 == length).collect();
+                if strategy == Strategies::Paper && length > 2 {
+                    assert!(of_length.is_empty(), "{of_length:?}");
+                    continue;
+                }
+                assert!(!of_length.is_empty(), "{strategy:?}, {k}: nothing makes {length} bounces");
+                for connection in &of_length {
+                    let run: [bool; 3] = std::array::from_fn(|i| of_length.iter().any(|c| c.s == i as u32 + 1));
+                    assert_eq!(connection.allowed, run, "{strategy:?}, {k}: {of_length:?}");
+                    seen += 1;
+                }
+            }
+            // Every vertex that is joined is made, and none that nothing needs.
+            let deepest = plan.connections.iter().map(|c| c.j).max().unwrap_or(1);
+            assert_eq!(plan.extensions.len() as u32, deepest - 1);
+            assert!(plan.extensions.iter().all(|e| !e.last));
+            assert!(plan.connections.iter().all(|c| c.s <= plan.light_vertices));
+        }
+    }
+    assert!(seen > 300, "{seen}");
+}
+
+#[test]
+fn strategies_choose_their_connections() {
+    let of = |strategy| strategies(&plan(&one_light(), &with(strategy, 2)));
+    assert_eq!(of(Strategies::All).len(), 6);
+    assert_eq!(of(Strategies::Vpl), [(1, 2), (2, 2), (3, 2)]);
+    assert_eq!(of(Strategies::Bundle), [(1, 2), (1, 3), (1, 4)]);
+    assert_eq!(of(Strategies::Paper), [(1, 2), (2, 2), (1, 3), (2, 3)]);
+
+    let bundle = plan(&one_light(), &with(Strategies::Bundle, 2));
+    assert_eq!((bundle.light_vertices, runs(&bundle, "light_subpath"), runs(&bundle, "extend")), (1, 0, 2));
+    let vpl = plan(&one_light(), &with(Strategies::Vpl, 2));
+    assert_eq!((vpl.light_vertices, runs(&vpl, "light_subpath"), runs(&vpl, "extend")), (3, 2, 0));
+    let paper = plan(&one_light(), &with(Strategies::Paper, 2));
+    let clamped: Vec<_> = paper.connections.iter().filter(|c| c.clamped).map(|c| (c.s, c.j + 1)).collect();
+    assert_eq!((paper.light_vertices, clamped), (2, vec![(2, 3)]));
+    // Four texts, all different: the plan says which it is.
+    let texts = [Strategies::All, Strategies::Vpl, Strategies::Bundle, Strategies::Paper]
+        .map(|s| plan(&one_light(), &with(s, 2)).to_string());
+    assert!((0..4).all(|i| (0..i).all(|j| texts[i] != texts[j])));
+}
+
+#[test]
+fn light_that_is_met_by_chance() {
+    for stats in [
+        SceneStats { environment: true, ..dark() },
+        SceneStats { environment: true, environment_map: true, ..dark() },
+        SceneStats { emissive_triangles: 2, ..dark() },
+    ] {
+        let flags: &[&str] = match (stats.environment, stats.environment_map) {
+            (true, true) => &["ENVIRONMENT", "ENVIRONMENT_MAP"],
+            (true, false) => &["ENVIRONMENT"],
+            _ => &["EMISSION"],
+        };
+        for k in [0, 1, 2, 16] {
+            let plan = plan(&stats, &bounces(k));
+            assert_eq!(plan.light_flags, flags);
+            assert_eq!((plan.light_vertices, plan.connections.len()), (0, 0));
+            let expected: Vec<_> = (1..=k + 1).map(|j| (j, j == k + 1)).collect();
+            assert_eq!(extensions(&plan), expected, "{k} bounces of light that is only met");
+        }
+    }
+    // With a lamp as well, both kinds of strategy run.
+    let both = plan(&SceneStats { environment: true, ..one_light() }, &bounces(2));
+    assert_eq!(both.connections.len(), 6);
+    assert_eq!(extensions(&both), [(1, false), (2, false), (3, true)]);
+}
+
+#[test]
+fn flags_follow_the_scene() {
+    let flags = |stats: &SceneStats| plan(stats, &bounces(2)).surface_flags;
+    assert!(flags(&one_light()).is_empty());
+    assert_eq!(flags(&SceneStats { texels: 16, ..one_light() }), ["TEXTURES"]);
+    assert_eq!(flags(&SceneStats { vertex_colors: true, ..one_light() }), ["VERTEX_COLORS"]);
+    assert_eq!(flags(&SceneStats { glossy_triangles: 1, ..one_light() }), ["GLOSSY"]);
+    assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), ["MASKS"]);
+    let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
+    assert_eq!(flags(&all), ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"]);
+    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::default() });
+    assert!(fast(Visibility::Fast).fast && !fast(Visibility::Exact).fast);
+    assert!(fast(Visibility::Fast).node_words() > fast(Visibility::Exact).node_words());
+}
+
+#[test]
+fn bytes_grow_with_what_is_asked_for() {
+    let bytes = |settings: &Settings| plan(&one_light(), settings).bytes;
+    let base = Settings { bundle_resolution: Some(128), ..Settings::default() };
+    let small = bytes(&base);
+    assert!(bytes(&Settings { width: 1024, ..base.clone() }) > small);
+    assert!(bytes(&Settings { bundle_resolution: Some(256), ..base.clone() }) > small);
+    assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);
+    assert!(bytes(&Settings { vpl_resolution: Some(512), ..base.clone() }) > small);
+    assert!(bytes(&Settings { bounces: 3, ..base.clone() }) > small);
+    assert!(bytes(&Settings { visibility: Visibility::Fast, ..base.clone() }) > small);
+    assert!(bytes(&Settings { strategies: Strategies::Bundle, ..base.clone() }) < small);
+    let more = plan(&SceneStats { triangles: 100_000, ..one_light() }, &base).bytes;
+    assert!(more > small);
+    // A finer scene gets finer views, within bounds.
+    let resolution = |mean_triangle_size| {
+        let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::default());
+        [plan.bundle_resolution, plan.light_resolution, plan.vpl_resolution]
+    };
+    let (coarse, fine, finest) = (resolution(0.5), resolution(0.01), resolution(0.0));
+    assert!(
+        (0..3).all(|i| coarse[i] < fine[i] && fine[i] <= finest[i] && finest[i] <= 1024),
+        "{coarse:?} {fine:?} {finest:?}"
+    );
+    // What the user asks for stands.
+    assert_eq!(plan(&one_light(), &base).bundle_resolution, 128);
+}

@@ -1,0 +1,161 @@
+//! Every shader links and validates with every set of flags that can occur. Needs no GPU.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use lightsheaf::gpu::{link, module_names};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+use wgpu::naga;
+
+/// Source of a module, as it lies in the repository.
+fn source(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(name).with_extension("wesl");
+    std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Flags that `@if(...)` asks about in a source.
+fn flags_in(source: &str) -> BTreeSet<String> {
+    let conditions = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
+    conditions.flat_map(|c| c.split(['!', '&', '|', ' ', '(']).filter(|f| !f.is_empty()).map(str::to_owned)).collect()
+}
+
+/// Modules that a source imports from, conditionally or not.
+fn imports_in(source: &str) -> Vec<String> {
+    let paths = source.split("import package::").skip(1);
+    paths
+        .map(|rest| rest.split(';').next().unwrap_or_default())
+        .map(|path| {
+            let module = path.split("::{").next().unwrap_or(path);
+            let module =
+                if path.contains("::{") { module } else { module.rsplit_once("::").map_or(module, |(m, _)| m) };
+            module.replace("::", "/")
+        })
+        .collect()
+}
+
+/// Flags of a module and of all that it imports.
+fn flags_of(name: &str) -> BTreeSet<String> {
+    let mut seen = BTreeSet::new();
+    let mut flags = BTreeSet::new();
+    let mut open = vec![name.to_owned()];
+    while let Some(module) = open.pop() {
+        let source = source(&module);
+        flags.extend(flags_in(&source));
+        open.extend(imports_in(&source).into_iter().filter(|import| seen.insert(import.clone())));
+    }
+    flags
+}
+
+/// Whether the program can ask for this set of flags.
+fn sensible(set: &[&str]) -> bool {
+    let has = |flag| set.contains(&flag);
+    // A map is an environment; only VPLs are clamped; the last extension exists only to meet light.
+    (!has("ENVIRONMENT_MAP") || has("ENVIRONMENT"))
+        && !(has("CLAMPED") && has("LIGHT"))
+        && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
+}
+
+/// All sensible subsets.
+fn sets<'a>(flags: &[&'a str]) -> Vec<Vec<&'a str>> {
+    assert!(flags.len() <= 12, "too many sets of {flags:?}: say which are not sensible together");
+    (0..1_u32 << flags.len())
+        .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
+        .filter(|set| sensible(set))
+        .collect()
+}
+
+/// Parses and validates WGSL as the program's device does: nothing beyond what every adapter has.
+fn validate(wgsl: &str) -> Result<naga::Module, String> {
+    let module = naga::front::wgsl::parse_str(wgsl).map_err(|e| e.emit_to_string(wgsl))?;
+    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default())
+        .validate(&module)
+        .map_err(|e| e.emit_to_string(wgsl))?;
+    Ok(module)
+}
+
+/// Modules with an entry point.
+fn passes() -> Vec<&'static str> {
+    module_names()
+        .filter(|name| ["@compute", "@vertex", "@fragment"].iter().any(|e| source(name).contains(e)))
+        .collect()
+}
+
+#[test]
+fn every_pass_links_and_validates_with_every_set_of_flags() {
+    let passes = passes();
+    assert!(passes.len() >= 9, "{passes:?}");
+    let flags: BTreeMap<&str, BTreeSet<String>> = passes.iter().map(|&p| (p, flags_of(p))).collect();
+    let cases: Vec<(&str, Vec<&str>)> = flags
+        .iter()
+        .flat_map(|(&pass, flags)| {
+            let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
+            sets(&flags).into_iter().map(move |set| (pass, set))
+        })
+        .collect();
+    assert!(cases.len() > 100, "only {} cases", cases.len());
+
+    // The same text need not be validated twice: flags that a set does not reach change nothing.
+    let linked: Vec<String> = cases
+        .par_iter()
+        .map(|(pass, set)| link(pass, set).unwrap_or_else(|e| panic!("{pass} with {set:?} does not link: {e}")))
+        .collect();
+    let distinct: BTreeMap<&String, &(&str, Vec<&str>)> = linked.iter().zip(&cases).collect();
+    let distinct: Vec<_> = distinct.into_iter().collect();
+    distinct.par_iter().for_each(|(wgsl, (pass, set))| {
+        let module = validate(wgsl).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
+        assert!(!module.entry_points.is_empty(), "{pass} with {set:?} has no entry point");
+    });
+    println!("{} sets of flags over {} passes, {} distinct shaders", cases.len(), passes.len(), distinct.len());
+
+    // Nothing that any shader asks about is left out, and each flag changes something.
+    let everywhere: BTreeSet<String> = module_names().flat_map(|name| flags_in(&source(name))).collect();
+    let covered: BTreeSet<String> = cases.iter().flat_map(|(_, set)| set.iter().map(|&f| f.to_owned())).collect();
+    assert!(everywhere.len() >= 10, "{everywhere:?}");
+    assert_eq!(everywhere, covered);
+    for flag in &everywhere {
+        let matters = cases.iter().zip(&linked).any(|((pass, set), text)| {
+            set.contains(&flag.as_str()) && {
+                let without: Vec<&str> = set.iter().copied().filter(|f| f != flag).collect();
+                cases.iter().zip(&linked).any(|((p, s), other)| p == pass && *s == without && other != text)
+            }
+        });
+        assert!(matters, "{flag} changes no shader");
+    }
+}
+
+#[test]
+fn every_file_is_embedded() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
+    let mut files = BTreeSet::new();
+    let mut open = vec![root.clone()];
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                let name = path.strip_prefix(&root).unwrap().with_extension("");
+                files.insert(name.components().map(|c| c.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/"));
+            }
+        }
+    }
+    assert_eq!(files, module_names().map(str::to_owned).collect());
+}
+
+#[test]
+fn planted_errors_are_caught() {
+    let good = link("connect", &[]).unwrap();
+    validate(&good).unwrap();
+    let renamed = good.replacen("surface_at(", "surface_nowhere(", 1);
+    assert_ne!(good, renamed);
+    assert!(validate(&renamed).unwrap_err().contains("surface_nowhere"), "an unknown name must not parse");
+    let mistyped = good.replacen("0.0", "vec2f(0.0)", 1);
+    assert_ne!(good, mistyped);
+    assert!(validate(&mistyped).is_err(), "a wrong type must not validate");
+    assert!(link("no_such_pass", &[]).is_err(), "an unknown module must not link");
+    // A flag that does not exist is off, and changes nothing.
+    assert_eq!(good, link("connect", &["NO_SUCH_FLAG"]).unwrap());
+    // The readers of flags and imports see what is there.
+    assert_eq!(flags_in("@if(!A) x @if(B && !C) y @else z"), ["A", "B", "C"].map(str::to_owned).into());
+    assert_eq!(imports_in("@if(A) import package::lib::a::b;\nimport package::lib::c::{d, e};"), ["lib/a", "lib/c"]);
+}
