@@ -225,7 +225,17 @@ impl Frame {
             let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
             let Some((_, pass)) = self.extends.iter().find(|(last, _)| *last == extension.last) else { continue };
             let bundle = &self.views[light_vertices + j as usize - 1];
-            pass.record(gpu, encoder, scene, &self.uniform, self.size, bundle, &self.eye_vertices, &self.shadings, &self.radiance);
+            pass.record(
+                gpu,
+                encoder,
+                scene,
+                &self.uniform,
+                self.size,
+                bundle,
+                &self.eye_vertices,
+                &self.shadings,
+                &self.radiance,
+            );
         }
 
         // The film, unless a list ran out of room.
@@ -274,7 +284,8 @@ impl Frame {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        let buffers = [&self.eye_vertices, &self.shadings, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
+        let buffers =
+            [&self.eye_vertices, &self.shadings, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
         buffers + pixels * 8 + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
     }
 

@@ -185,7 +185,11 @@ fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, 
         dimension: wgpu::TextureDimension::D2,
         format,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: if format == wgpu::TextureFormat::Rgba8Unorm { &[wgpu::TextureFormat::Rgba8UnormSrgb] } else { &[] },
+        view_formats: if format == wgpu::TextureFormat::Rgba8Unorm {
+            &[wgpu::TextureFormat::Rgba8UnormSrgb]
+        } else {
+            &[]
+        },
     })
 }
 

@@ -1,20 +1,11 @@
 //! Built-in scenes: the reference scenes equal their files, and every scene is sound.
 
-use std::path::{Path, PathBuf};
+mod common;
 
+use common::shared;
 use glam::{Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::{Geometry, LoadError, Scene, builtin, mitsuba};
-
-/// The folder of reference scenes, or a note that a test is skipped.
-fn references() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/references");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: {} is missing", folder.display());
-    None
-}
 
 /// World-space corners of every triangle with normals and material name, starting at the smallest corner, sorted.
 fn triangles(scene: &Scene) -> Vec<(String, [[f32; 6]; 3])> {
@@ -65,7 +56,7 @@ fn distance(ours: &Scene, theirs: &Scene) -> f32 {
 
 #[test]
 fn reference_scenes_equal_their_files() {
-    let Some(folder) = references() else { return };
+    let Some(folder) = shared().map(|s| s.join("references")) else { return };
     let mut compared = 0;
     for name in ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"] {
         let ours = builtin::load(name).expect("a built-in scene");
@@ -85,8 +76,13 @@ fn reference_scenes_equal_their_files() {
             assert_eq!((a.radiance, a.world_from_environment), (b.radiance, b.world_from_environment));
             let (a, b) = (a.map.as_ref().expect("a map"), b.map.as_ref().expect("a map"));
             assert_eq!((a.width, a.height, a.rows), (b.width, b.height, b.rows));
-            let apart =
-                a.texels.iter().flatten().zip(b.texels.iter().flatten()).map(|(a, b)| (a - b).abs() / b).fold(0.0, f32::max);
+            let apart = a
+                .texels
+                .iter()
+                .flatten()
+                .zip(b.texels.iter().flatten())
+                .map(|(a, b)| (a - b).abs() / b)
+                .fold(0.0, f32::max);
             assert!(apart < 1e-6, "the sky's texels are {apart} apart");
         }
         assert_eq!(theirs.warnings, Vec::<String>::new(), "{name}");
