@@ -1,18 +1,11 @@
 //! Built-in scenes: the reference scenes equal their files, and every scene is sound.
 
-use std::path::{Path, PathBuf};
+mod common;
 
+use common::shared;
+use glam::{Vec2, Vec3};
+use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::{Geometry, LoadError, Scene, builtin, mitsuba};
-
-/// The folder of reference scenes, or a note that a test is skipped.
-fn references() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/references");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: {} is missing", folder.display());
-    None
-}
 
 /// World-space corners of every triangle with normals and material name, starting at the smallest corner, sorted.
 fn triangles(scene: &Scene) -> Vec<(String, [[f32; 6]; 3])> {
@@ -63,7 +56,7 @@ fn distance(ours: &Scene, theirs: &Scene) -> f32 {
 
 #[test]
 fn reference_scenes_equal_their_files() {
-    let Some(folder) = references() else { return };
+    let Some(folder) = shared().map(|s| s.join("references")) else { return };
     let mut compared = 0;
     for name in ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"] {
         let ours = builtin::load(name).expect("a built-in scene");
@@ -104,7 +97,7 @@ fn reference_scenes_equal_their_files() {
 
 #[test]
 fn every_scene_is_sound() {
-    assert!(builtin::names().count() >= 5);
+    assert!(builtin::names().count() >= 14);
     for (name, about) in builtin::names() {
         let scene = builtin::load(name).expect("a built-in scene");
         assert_eq!(scene.name, format!("builtin:{name}"));
@@ -126,4 +119,99 @@ fn an_unknown_name_is_an_error_that_lists_the_known_ones() {
     let error: LoadError = builtin::load("cornell").expect_err("no such scene");
     let text = error.to_string();
     assert!(text.starts_with("builtin:cornell: ") && text.contains("cornell_point"), "{text}");
+}
+
+#[test]
+fn a_number_belongs_to_scenes_that_take_one() {
+    let triangles = |name: &str| Geometry::new(&builtin::load(name).expect("a built-in scene")).triangles.len();
+    assert_eq!(triangles("displaced_room"), 12 * 71 * 71);
+    assert_eq!(triangles("displaced_room:1"), 12);
+    assert_eq!(triangles("displaced_room:1000"), 12 * 9 * 9);
+    for (name, cause) in [
+        ("displaced_room:0", "from 1 to"),
+        ("displaced_room:many", "from 1 to"),
+        ("displaced_room:4000000000", "from 1 to"),
+        ("occluder:3", "takes no number"),
+    ] {
+        let error = builtin::load(name).expect_err("a wrong number").to_string();
+        assert!(error.contains(cause), "{error}");
+    }
+}
+
+/// Every edge of a closed body belongs to one triangle in each direction, and the inside is where the fronts are.
+#[test]
+fn closed_scenes_are_closed_and_seen_from_inside() {
+    for name in ["furnace", "furnace_sphere", "integrating_sphere", "displaced_room", "displaced_room:1"] {
+        let geometry = Geometry::new(&builtin::load(name).expect("a built-in scene"));
+        let key = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
+        let mut edges = std::collections::HashMap::new();
+        let mut volume = 0.0;
+        for t in 0..geometry.triangles.len() {
+            let p = geometry.positions(t);
+            volume += f64::from(p[0].dot(p[1].cross(p[2]))) / 6.0;
+            for k in 0..3 {
+                *edges.entry((key(p[k]), key(p[(k + 1) % 3]))).or_insert(0) += 1;
+            }
+        }
+        assert!(edges.iter().all(|(&(a, b), &n)| n == 1 && edges.get(&(b, a)) == Some(&1)), "{name} has a gap");
+        assert!(volume < 0.0, "{name} is seen from outside: {volume}");
+        let camera = builtin::load(name).expect("a built-in scene").cameras[0].world_from_camera.translation;
+        assert!(camera.abs().max_element() < 1.0 && !edges.is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn the_displaced_room_is_rough_and_its_light_is_inside() {
+    let scene = builtin::load("displaced_room").expect("a built-in scene");
+    let heights: Vec<f32> = scene.meshes[3].positions.iter().map(|p| p.y + 1.0).collect();
+    let highest = heights.iter().copied().fold(0.0, f32::max);
+    assert!(heights.iter().all(|&h| (0.0..0.3).contains(&h)) && highest > 0.1, "{highest}");
+    let geometry = Geometry::new(&scene);
+    let steep = (0..geometry.triangles.len()).filter(|&t| geometry.materials[t] == 3).filter(|&t| {
+        let p = geometry.positions(t);
+        (p[1] - p[0]).cross(p[2] - p[0]).normalize().y < 0.95
+    });
+    assert!(steep.count() > 1000, "the floor's triangles lean");
+}
+
+/// The reference finds the derived answers, pixel by pixel and in the mean.
+#[test]
+fn known_answers_are_found() {
+    let mut known = 0;
+    for (name, _) in builtin::names().filter(|(name, _)| builtin::answer(name, None, Vec2::ZERO).is_some()) {
+        let scene = builtin::load(name).expect("a built-in scene");
+        let reference = Reference::new(&scene);
+        for bounces in [Some(0), Some(2), None] {
+            // A multiple of 4 pixels puts the shadow's edge between pixels.
+            let side = 16;
+            let settings = ReferenceSettings { width: side, height: side, samples: 64, bounces, seed: 7, camera: 0 };
+            let output = reference.render(&settings, &|_, _| ());
+            let at = |i: usize| {
+                let (x, y) = (i as u32 % side, i as u32 / side);
+                (Vec2::new(x as f32, y as f32) + 0.5) / side as f32
+            };
+            let constant =
+                builtin::answer(name, bounces, Vec2::splat(0.1)) == builtin::answer(name, bounces, Vec2::ONE);
+            let expected: Vec<f64> = if constant {
+                vec![builtin::answer(name, bounces, Vec2::ONE).expect("known"); output.film.pixels.len()]
+            } else {
+                (0..output.film.pixels.len()).map(|i| builtin::answer(name, bounces, at(i)).expect("known")).collect()
+            };
+            let [mut sum, mut wanted] = [0.0; 2];
+            for (pixel, expected) in output.film.pixels.iter().zip(&expected) {
+                // 64 paths, of which the longest end by chance.
+                assert!(
+                    (f64::from(pixel[0]) - expected).abs() <= 0.25 * expected + 1e-9,
+                    "{name}: {pixel:?}, not {expected}"
+                );
+                sum += f64::from(pixel[0]);
+                wanted += expected;
+            }
+            assert!((sum / wanted - 1.0).abs() < 4e-3, "{name}, {bounces:?} bounces: {sum}, not {wanted}");
+            // The canary: 0.75 % more light would be seen.
+            assert!((1.0075 * sum / wanted - 1.0).abs() > 3e-3, "{name}");
+        }
+        known += 1;
+    }
+    assert_eq!(known, 8);
 }

@@ -1,22 +1,16 @@
 //! The Mitsuba loader against real scenes and small ones made here.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use common::shared;
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
     Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Light, Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
     mitsuba,
 };
-
-fn shared() -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
-    if path.is_dir() {
-        return Some(path);
-    }
-    println!("skipped: {} is not there", path.display());
-    None
-}
 
 /// A fresh folder for a test's files.
 fn folder() -> PathBuf {

@@ -2,42 +2,96 @@
 //!
 //! A name may carry a number after a colon where [`names`] says so. All scenes are deterministic.
 
+mod analytic;
 mod cornell;
+mod displaced_room;
 mod spikes;
 
 use std::path::PathBuf;
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 
 use super::shapes::smooth_normals;
 use super::{Camera, FovAxis, Instance, LoadError, Mesh, Projection, Scene};
 
-/// A scene's name and its maker, which gets the number after the colon.
+/// The radiance that a pixel should have, from the number of indirect bounces (none: all) and the place in the image.
+type Answer = fn(Option<u32>, Vec2) -> f64;
+
 struct Entry {
     name: &'static str,
     about: &'static str,
-    make: fn() -> Scene,
+    make: Make,
+    answer: Option<Answer>,
+}
+
+enum Make {
+    Plain(fn() -> Scene),
+    /// With a number after a colon, and what it is without.
+    Counted(fn(u32) -> Scene, u32),
+}
+
+const fn plain(name: &'static str, about: &'static str, make: fn() -> Scene) -> Entry {
+    Entry { name, about, make: Make::Plain(make), answer: None }
+}
+
+const fn known(name: &'static str, about: &'static str, make: fn() -> Scene, answer: Answer) -> Entry {
+    Entry { name, about, make: Make::Plain(make), answer: Some(answer) }
 }
 
 const SCENES: &[Entry] = &[
-    Entry { name: "cornell_point", about: "Cornell box, point light under the ceiling", make: cornell::point },
-    Entry { name: "cornell_area", about: "Cornell box with its area light", make: cornell::area },
+    plain("cornell_point", "Cornell box, point light under the ceiling", cornell::point),
+    plain("cornell_area", "Cornell box with its area light", cornell::area),
+    plain("cornell_glossy", "Cornell box with a sphere and a block of rough metal, point light", cornell::glossy),
+    plain("cornell_env", "Cornell box without ceiling and front wall under a sky with a small sun", cornell::env),
+    plain("corner_spikes", "point light 2 cm from a wall in a corner with small objects", spikes::scene),
+    known("furnace", "box that emits 1/2 and reflects 1/2", analytic::furnace, analytic::furnace_answer),
+    known(
+        "furnace_sphere",
+        "sphere that emits 1/2 and reflects 1/2, from inside",
+        analytic::furnace_sphere,
+        analytic::furnace_answer,
+    ),
+    known(
+        "integrating_sphere",
+        "sphere of albedo 1/2 around a point light, from inside",
+        analytic::integrating_sphere,
+        analytic::integrating_sphere_answer,
+    ),
+    known(
+        "white_furnace",
+        "white sphere under a sky of radiance 1: invisible",
+        analytic::white_furnace,
+        analytic::white_furnace_answer,
+    ),
+    known(
+        "glossy_furnace",
+        "rough mirror (GGX, alpha 1/2) under a sky of radiance 1",
+        analytic::glossy_furnace,
+        analytic::glossy_furnace_answer,
+    ),
+    known("occluder", "point light, black square and its shadow", analytic::occluder, analytic::occluder_answer),
+    known(
+        "shading_normals",
+        "floor with leaning shading normals in sunlight",
+        analytic::shading_normals,
+        analytic::shading_normals_answer,
+    ),
+    known(
+        "single_triangle",
+        "one triangle and a point light",
+        analytic::single_triangle,
+        analytic::single_triangle_answer,
+    ),
     Entry {
-        name: "cornell_glossy",
-        about: "Cornell box with a sphere and a block of rough metal, point light",
-        make: cornell::glossy,
-    },
-    Entry {
-        name: "cornell_env",
-        about: "Cornell box without ceiling and front under a sky with a small sun",
-        make: cornell::env,
-    },
-    Entry {
-        name: "corner_spikes",
-        about: "point light 2 cm from a wall in a corner with small objects",
-        make: spikes::scene,
+        name: "displaced_room",
+        about: "closed room with rough walls; displaced_room:N has about N triangles, else 60000",
+        make: Make::Counted(displaced_room::scene, 60_000),
+        answer: None,
     },
 ];
+
+/// Triangles that a number after a colon may ask for.
+const MAX_COUNT: u32 = 50_000_000;
 
 /// Name and one-line description of every scene.
 pub fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
@@ -47,14 +101,33 @@ pub fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
 /// Makes a scene by its name, without `builtin:`.
 ///
 /// # Errors
-/// A name that is not in [`names`].
+/// A name that is not in [`names`], or a number that does not belong there.
 pub fn load(name: &str) -> Result<Scene, LoadError> {
     let path = PathBuf::from(format!("builtin:{name}"));
-    let Some(entry) = SCENES.iter().find(|e| e.name == name) else {
+    let (plain, count) = name.split_once(':').map_or((name, None), |(plain, count)| (plain, Some(count)));
+    let Some(entry) = SCENES.iter().find(|e| e.name == plain) else {
         let known: Vec<&str> = names().map(|(name, _)| name).collect();
         return Err(LoadError::new(path, format!("is not a built-in scene; there are {}", known.join(", "))));
     };
-    Ok(Scene { name: path.display().to_string(), ..(entry.make)() })
+    let scene = match (&entry.make, count) {
+        (Make::Plain(make), None) => make(),
+        (Make::Plain(_), Some(_)) => return Err(LoadError::new(path, format!("`{plain}` takes no number"))),
+        (Make::Counted(make, missing), None) => make(*missing),
+        (Make::Counted(make, _), Some(text)) => match text.parse::<u32>() {
+            Ok(count) if (1..=MAX_COUNT).contains(&count) => make(count),
+            _ => return Err(LoadError::new(path, format!("`{text}` is not a number from 1 to {MAX_COUNT}"))),
+        },
+    };
+    Ok(Scene { name: path.display().to_string(), ..scene })
+}
+
+/// The radiance that a scene's picture should have at a place, (0, 0) its upper left corner and (1, 1) its lower right one.
+///
+/// `bounces` counts indirect bounces, none means all. None for a scene whose answer is not known. Red, green and blue are the same.
+#[must_use]
+pub fn answer(name: &str, bounces: Option<u32>, at: Vec2) -> Option<f64> {
+    let entry = SCENES.iter().find(|e| e.name == name)?;
+    Some(entry.answer?(bounces, at))
 }
 
 /// Four corners, counter-clockwise seen from the front, in two triangles that share the first and the third.
@@ -90,6 +163,11 @@ fn add(scene: &mut Scene, name: &str, material: usize, mut mesh: Mesh) {
         mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
     }
     name.clone_into(&mut mesh.name);
+    add_as_is(scene, material, mesh);
+}
+
+/// Adds a mesh at its place, flat if it has no normals.
+fn add_as_is(scene: &mut Scene, material: usize, mut mesh: Mesh) {
     mesh.material = material;
     scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
     scene.meshes.push(mesh);
