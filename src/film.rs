@@ -69,10 +69,18 @@ impl Film {
     /// # Errors
     /// The path, the cause and what to do.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
+        self.save_exposed(path, 1.0)
+    }
+
+    /// As [`Film::save`], with another exposure for .png; .exr holds radiance and takes none.
+    ///
+    /// # Errors
+    /// The path, the cause and what to do.
+    pub fn save_exposed(&self, path: impl AsRef<Path>, exposure: f32) -> Result<(), FilmError> {
         let path = path.as_ref();
         let error = |cause: String| FilmError::Write { path: path.to_owned(), cause };
-        let write: fn(&Self, &Path) -> Result<(), String> = match extension(path).as_str() {
-            "exr" => Self::write_exr,
+        let write = match extension(path).as_str() {
+            "exr" => |film: &Self, path: &Path, _| film.write_exr(path),
             "png" => Self::write_png,
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
         };
@@ -86,8 +94,9 @@ impl Film {
         name.push(path.file_name().unwrap_or_default());
         name.push(format!(".{}.part", std::process::id()));
         let temporary = path.with_file_name(name);
-        write(self, &temporary).and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string())).map_err(
-            |cause| {
+        write(self, &temporary, exposure)
+            .and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string()))
+            .map_err(|cause| {
                 // Best effort: the error that is reported is the first one.
                 let _ = std::fs::remove_file(&temporary);
                 error(match path.parent() {
@@ -96,8 +105,7 @@ impl Film {
                     }
                     _ => cause,
                 })
-            },
-        )
+            })
     }
 
     /// Reads .exr (half or float RGB, first layer), .hdr, or .png (the tone map undone at exposure 1), by extension.
@@ -133,8 +141,8 @@ impl Film {
             .map_err(|e| e.to_string())
     }
 
-    fn write_png(&self, path: &Path) -> Result<(), String> {
-        image::RgbImage::from_raw(self.width, self.height, self.to_srgb8(1.0))
+    fn write_png(&self, path: &Path, exposure: f32) -> Result<(), String> {
+        image::RgbImage::from_raw(self.width, self.height, self.to_srgb8(exposure))
             .ok_or("too large")?
             .save_with_format(path, image::ImageFormat::Png)
             .map_err(|e| e.to_string())

@@ -46,6 +46,7 @@ pub struct Frame {
     empty_draw: wgpu::Buffer,
     light_vertices: wgpu::Buffer,
     eye_vertices: wgpu::Buffer,
+    shadings: wgpu::Buffer,
     radiance: wgpu::Buffer,
     demands: wgpu::Buffer,
     /// Sum and compensation per pixel.
@@ -120,6 +121,7 @@ impl Frame {
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
             eye_vertices: gpu.storage("eye_vertices", pixels * size_of::<layouts::EyeVertex>() as u64),
+            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(plan.glossy())),
             radiance: gpu.storage("radiance", pixels * 16),
             film: gpu.storage("film", pixels * 32),
             log: gpu.storage("log", 8 + 8 * views.len().max(1) as u64),
@@ -194,6 +196,7 @@ impl Frame {
             self.size,
             &self.gbuffer.triangles,
             &self.eye_vertices,
+            &self.shadings,
             &self.radiance,
         );
 
@@ -215,13 +218,24 @@ impl Frame {
                     view,
                     &self.light_vertices,
                     &self.eye_vertices,
+                    &self.shadings,
                     &self.radiance,
                 );
             }
             let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
             let Some((_, pass)) = self.extends.iter().find(|(last, _)| *last == extension.last) else { continue };
             let bundle = &self.views[light_vertices + j as usize - 1];
-            pass.record(gpu, encoder, scene, &self.uniform, self.size, bundle, &self.eye_vertices, &self.radiance);
+            pass.record(
+                gpu,
+                encoder,
+                scene,
+                &self.uniform,
+                self.size,
+                bundle,
+                &self.eye_vertices,
+                &self.shadings,
+                &self.radiance,
+            );
         }
 
         // The film, unless a list ran out of room.
@@ -270,7 +284,8 @@ impl Frame {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        let buffers = [&self.eye_vertices, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
+        let buffers =
+            [&self.eye_vertices, &self.shadings, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
         buffers + pixels * 8 + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
     }
 

@@ -1,10 +1,12 @@
 //! Upload: a scene's geometry, materials, textures and environment as the buffers of group 0 (shaders/lib/scene.wesl).
 
+use std::collections::BTreeMap;
+
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
-use crate::scene::{Bsdf, Color, Filter, Fresnel, Geometry, Rows, Scalar, Scene, Sides, TextureRef, Wrap};
+use crate::scene::{Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap};
 
 const NONE: u32 = u32::MAX;
 
@@ -15,6 +17,8 @@ const CULLED: u32 = 4;
 const MASKED: u32 = 8;
 const NONLINEAR: u32 = 16;
 const FRESNEL_NONE: u32 = 32;
+/// Where a texture slot holds its channel, as in lib/texture.wesl.
+const CHANNEL_SHIFT: u32 = 24;
 
 /// A constant or mapped environment, as passes need it.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +47,8 @@ pub struct GpuScene {
     materials: wgpu::Buffer,
     texture_uses: wgpu::Buffer,
     texels: wgpu::TextureView,
+    texels_srgb: wgpu::TextureView,
+    bilinear: wgpu::Sampler,
     environment_map: wgpu::TextureView,
 }
 
@@ -91,7 +97,8 @@ impl GpuScene {
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
-        let texture_uses = if atlas.uses.is_empty() { vec![layouts::TextureUse::default()] } else { atlas.uses };
+        let texture_uses =
+            if atlas.uses.is_empty() { vec![layouts::TextureUse::default()] } else { std::mem::take(&mut atlas.uses) };
 
         let environment = scene.environment.as_ref().map(|e| GpuEnvironment {
             radiance: e.radiance,
@@ -128,8 +135,12 @@ impl GpuScene {
             triangle_buffer: gpu.upload("triangles", &triangles),
             materials: gpu.upload("materials", &materials),
             texture_uses: gpu.upload("texture_uses", &texture_uses),
-            texels: atlas.texture.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
+            texels: atlas.view(wgpu::TextureFormat::Rgba8Unorm),
+            texels_srgb: atlas.view(wgpu::TextureFormat::Rgba8UnormSrgb),
+            bilinear: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("bilinear"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
             environment_map: environment_texture.create_view(&Default::default()),
@@ -149,6 +160,8 @@ impl GpuScene {
             ("materials", self.materials.as_entire_binding()),
             ("texture_uses", self.texture_uses.as_entire_binding()),
             ("texels", wgpu::BindingResource::TextureView(&self.texels)),
+            ("texels_srgb", wgpu::BindingResource::TextureView(&self.texels_srgb)),
+            ("bilinear", wgpu::BindingResource::Sampler(&self.bilinear)),
             ("environment_map", wgpu::BindingResource::TextureView(&self.environment_map)),
         ];
         all.extend_from_slice(own);
@@ -172,7 +185,11 @@ fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, 
         dimension: wgpu::TextureDimension::D2,
         format,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: &[],
+        view_formats: if format == wgpu::TextureFormat::Rgba8Unorm {
+            &[wgpu::TextureFormat::Rgba8UnormSrgb]
+        } else {
+            &[]
+        },
     })
 }
 
@@ -197,51 +214,53 @@ fn write_texture(
     );
 }
 
-/// All images that materials use, packed in shelves into the layers of one texture array.
+/// An image with the way in which it is continued.
+type Tile = (usize, [Wrap; 2]);
+
+/// All images that materials use, packed in shelves into the layers of one texture array, each with a border of one texel.
 struct Atlas {
     texture: wgpu::Texture,
     bytes: u64,
-    /// Per image: layer, x, y.
-    places: Vec<[u32; 3]>,
+    /// Per tile: layer, x, y of the image without its border.
+    places: BTreeMap<(usize, [u32; 2]), [u32; 3]>,
     uses: Vec<layouts::TextureUse>,
 }
 
 impl Atlas {
     fn new(gpu: &Gpu, scene: &Scene) -> Result<Self, GpuError> {
-        let mut used = vec![false; scene.images.len()];
+        let mut tiles: Vec<Tile> = Vec::new();
         for t in &scene.textures {
-            used[t.image] = true;
+            if !tiles.contains(&(t.image, t.wrap)) {
+                tiles.push((t.image, t.wrap));
+            }
         }
-        let mut order: Vec<usize> = (0..scene.images.len()).filter(|&i| used[i]).collect();
-        order.sort_by_key(|&i| std::cmp::Reverse(scene.images[i].height));
-        let longest = order.iter().map(|&i| scene.images[i].width.max(scene.images[i].height)).max().unwrap_or(1);
+        let size = |tile: &Tile| [scene.images[tile.0].width + 2, scene.images[tile.0].height + 2];
+        tiles.sort_by_key(|t| std::cmp::Reverse(size(t)[1]));
+        let longest = tiles.iter().flat_map(size).max().unwrap_or(1);
         if longest > gpu.capabilities.max_texture_side {
             return Err(GpuError::Device(format!(
-                "a texture has a side of {longest} texels; the adapter's limit is {}: scale it down",
-                gpu.capabilities.max_texture_side
+                "a texture has a side of {} texels; the adapter's limit is {}: scale it down",
+                longest - 2,
+                gpu.capabilities.max_texture_side - 2
             )));
         }
         // Small sets get a small layer, large ones share layers of at least 2048 texels.
-        let area: u64 =
-            order.iter().map(|&i| u64::from(scene.images[i].width) * u64::from(scene.images[i].height)).sum();
-        let side = if area <= 1 {
-            1
-        } else {
-            longest.max((area.isqrt() as u32).next_power_of_two().min(2048)).min(gpu.capabilities.max_texture_side)
-        };
-        let mut places = vec![[0; 3]; scene.images.len()];
+        let area: u64 = tiles.iter().map(size).map(|[w, h]| u64::from(w) * u64::from(h)).sum();
+        let fitting = (area.isqrt() as u32).next_power_of_two().min(2048);
+        let side = longest.max(fitting).min(gpu.capabilities.max_texture_side);
+        let mut places = BTreeMap::new();
         let (mut layer, mut x, mut y, mut shelf) = (0, 0, 0, 0);
-        for &i in &order {
-            let image = &scene.images[i];
-            if x + image.width > side {
+        for tile in &tiles {
+            let [width, height] = size(tile);
+            if x + width > side {
                 (x, y, shelf) = (0, y + shelf, 0);
             }
-            if y + image.height > side {
+            if y + height > side {
                 (layer, x, y, shelf) = (layer + 1, 0, 0, 0);
             }
-            places[i] = [layer, x, y];
-            x += image.width;
-            shelf = shelf.max(image.height);
+            places.insert((tile.0, tile.1.map(wrap_code)), [layer, x + 1, y + 1]);
+            x += width;
+            shelf = shelf.max(height);
         }
         if layer >= gpu.capabilities.max_texture_layers {
             return Err(GpuError::Device(format!(
@@ -251,17 +270,10 @@ impl Atlas {
             )));
         }
         let array = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [side, side, layer + 1]);
-        for &i in &order {
-            let image = &scene.images[i];
-            let [layer, x, y] = places[i];
-            write_texture(
-                gpu,
-                &array,
-                [x, y, layer],
-                [image.width, image.height],
-                4,
-                bytemuck::cast_slice(&image.texels),
-            );
+        for tile in &tiles {
+            let [layer, x, y] = places[&(tile.0, tile.1.map(wrap_code))];
+            let bordered = with_border(&scene.images[tile.0], tile.1);
+            write_texture(gpu, &array, [x - 1, y - 1, layer], size(tile), 4, bytemuck::cast_slice(&bordered));
         }
         Ok(Self {
             texture: array,
@@ -271,32 +283,38 @@ impl Atlas {
         })
     }
 
-    /// Records a use and gives its index.
+    fn view(&self, format: wgpu::TextureFormat) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            format: Some(format),
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            ..Default::default()
+        })
+    }
+
+    /// Records a use and gives the slot: its index, with the channel above it.
     fn add(&mut self, scene: &Scene, reference: &TextureRef, channel: u32) -> u32 {
         let texture = &scene.textures[reference.texture];
         let image = &scene.images[texture.image];
-        let [layer, x, y] = self.places[texture.image];
-        let wrap = |w| match w {
-            Wrap::Repeat => 0,
-            Wrap::Mirror => 1,
-            Wrap::Clamp => 2,
-        };
+        let [layer, x, y] = self.places[&(texture.image, texture.wrap.map(wrap_code))];
         let m = reference.transform;
         let row = |f: fn(Vec2) -> f32| [f(m.matrix2.x_axis), f(m.matrix2.y_axis), f(m.translation)];
-        self.uses.push(layouts::TextureUse {
+        let texture_use = layouts::TextureUse {
             row_u: row(|v| v.x),
             layer,
             row_v: row(|v| v.y),
-            flags: wrap(texture.wrap[0])
-                | wrap(texture.wrap[1]) << 2
+            flags: wrap_code(texture.wrap[0])
+                | wrap_code(texture.wrap[1]) << 2
                 | u32::from(texture.filter == Filter::Linear) << 4
                 | u32::from(texture.srgb) << 5
-                | u32::from(reference.uv_set == 1) << 6
-                | channel << 8,
-            origin: [x, y],
-            size: [image.width, image.height],
+                | u32::from(reference.uv_set == 1) << 6,
+            origin: [x as f32, y as f32],
+            size: [image.width as f32, image.height as f32],
+        };
+        let index = self.uses.iter().position(|u| *u == texture_use).unwrap_or_else(|| {
+            self.uses.push(texture_use);
+            self.uses.len() - 1
         });
-        self.uses.len() as u32 - 1
+        index as u32 | channel << CHANNEL_SHIFT
     }
 
     fn color(&mut self, scene: &Scene, color: &Color) -> ([f32; 3], u32) {
@@ -306,6 +324,33 @@ impl Atlas {
     fn scalar(&mut self, scene: &Scene, scalar: &Scalar) -> (f32, u32) {
         (scalar.factor, scalar.texture.as_ref().map_or(NONE, |(t, channel)| self.add(scene, t, *channel)))
     }
+}
+
+/// As in lib/texture.wesl.
+fn wrap_code(wrap: Wrap) -> u32 {
+    match wrap {
+        Wrap::Repeat => 0,
+        Wrap::Mirror => 1,
+        Wrap::Clamp => 2,
+    }
+}
+
+/// An image with one more texel on each side, as its wrap modes continue it.
+fn with_border(image: &Image, wrap: [Wrap; 2]) -> Vec<[u8; 4]> {
+    // Row or column -1 or n: the texel that continues the image there.
+    let continued = |i: u32, n: u32, wrap: Wrap| match (i, wrap) {
+        (0, Wrap::Repeat) => n - 1,
+        (0, _) => 0,
+        (i, Wrap::Repeat) if i > n => 0,
+        (i, _) => i.min(n) - 1,
+    };
+    (0..image.height + 2)
+        .flat_map(|y| {
+            let row = continued(y, image.height, wrap[1]) * image.width;
+            (0..image.width + 2).map(move |x| row + continued(x, image.width, wrap[0]))
+        })
+        .map(|i| image.texels[i as usize])
+        .collect()
 }
 
 fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material {

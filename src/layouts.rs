@@ -72,8 +72,8 @@ layouts! {
         layer: u32,
         row_v: [f32; 3],
         flags: u32,
-        origin: [u32; 2],
-        size: [u32; 2],
+        origin: [f32; 2],
+        size: [f32; 2],
     }
 
     /// A view, or where one will be.
@@ -166,13 +166,32 @@ layouts! {
         position: [f32; 3],
         triangle: u32,
         throughput: [f32; 3],
-        barycentric_y: f32,
+        pad0: f32,
         wo: [f32; 3],
-        barycentric_z: f32,
         here: f32,
         back: f32,
         previous: f32,
-        pad: f32,
+        pad1: [f32; 2],
+    }
+
+    /// What is kept of a surface per pixel; the last two fields only where anything is glossy. The host only needs its size.
+    struct Shading in "connect" {
+        ng: [f32; 3],
+        material: u32,
+        ns: [f32; 3],
+        alpha: f32,
+        diffuse: [f32; 3],
+        metallic: f32,
+        specular: [f32; 3],
+        f90: f32,
+    }
+}
+
+impl Shading {
+    /// Bytes per pixel.
+    #[must_use]
+    pub fn bytes(glossy: bool) -> u64 {
+        (if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) }) as u64
     }
 }
 

@@ -1,4 +1,72 @@
-//! lightsheaf
+//! Lightsheaf renders global illumination by rasterization alone: raster bidirectional path tracing (after Tokuyoshi and
+//! Ogaki 2012) with exact visibility, on any GPU that wgpu reaches, with or without ray tracing; and a CPU path tracer
+//! judges it. This chapter is the map; [`frame`] is the method on one page; after that, any pass: one Rust file and one
+//! shader file of the same name.
+//!
+//! # The way of the data
+//!
+//! One direction, no way back:
+//!
+//! ```text
+//!     scene file ──load──► Scene ──flatten──► Geometry ─┬─► GpuScene ─┐
+//!                            │                          │             ├─► Frame: passes ──► Film ──► EXR, PNG
+//!                            └─► SceneStats ─► FramePlan┼─────────────┘                      │
+//!                                   Settings ─┘         └─► Reference (CPU) ──────────► Film ┴──► Comparison
+//! ```
+//!
+//! 1. [`scene::load()`] reads glTF, Mitsuba XML or a built-in scene into plain data, says what it could not do, and adds a
+//!    camera or light where there is none. [`scene::Geometry`] flattens instances into world-space triangles.
+//! 2. [`plan::FramePlan`] decides from facts of the scene, [`settings::Settings`] and the device's capabilities which passes
+//!    run, with the reason, before anything is allocated. Skipped means no pass, no pipeline, no buffer.
+//! 3. [`gpu_scene`] uploads; [`renderer::Renderer`] owns a [`frame::Frame`] and runs its iterations in batches. Lists that
+//!    ran out of room grow, and the iteration is redone, so a finished picture has lost nothing.
+//! 4. [`film::Film`] is the linear image, [`metrics`] says how far two of them are apart.
+//! 5. [`mod@reference`] renders the same scene on the CPU and shares no code with the above but the scene and the film.
+//!
+//! # One iteration
+//!
+//! One light subpath and one direction for each bounce serve every pixel:
+//!
+//! | what | found by | in |
+//! |---|---|---|
+//! | z1, what the pixel sees | rasterizing from the camera | [`passes::gbuffer`], [`passes::eye_vertices`] |
+//! | y1, y2, the VPLs | a direction from the light, then from y1, followed through the map around that vertex | [`passes::light_subpath`] |
+//! | z2, z3, ... | the nearest triangle in front of the point in a ray-bundle's list | [`passes::extend`] |
+//! | "do y and z see each other?" | the list of the texel of the map around y | [`passes::connect`] |
+//! | lists of bundles and maps | rasterizing every triangle, dilated, into each view | [`passes::view_setup`], [`passes::view_lists`] |
+//!
+//! Each vertex found is joined with each vertex of the light subpath, light that a bundle runs into is added, and every path
+//! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
+//! [`passes::accumulate`] adds the iteration to the film.
+//!
+//! # Glossary
+//!
+//! - **light subpath** y0 y1 y2: y0 on the light. **Eye subpath** z0 z1 z2 ...: z0 the camera.
+//! - **strategy (s, t)**: s light vertices and t eye vertices joined by one connection; s = 0: the eye subpath met light.
+//! - **bounces**: indirect bounces; 0 is direct light only.
+//! - **VPL**: virtual point light, a light vertex y1 or y2.
+//! - **ray-bundle**: a parallel projection of the whole scene along one direction, each texel with the list of all triangles
+//!   that touch it. A bundle serves its direction and the opposite one.
+//! - **map**: the same in six perspective faces around a light vertex. Bundles and maps together are **views** ([`view`]).
+//! - **node**: an entry of a list: a triangle and the next node.
+//! - **exact** and **fast** visibility: lists hold every triangle that touches a texel, and the exact ray is intersected with
+//!   them; or triangles that cover its centre, and depths are compared.
+//! - **`pdf_w`, `pdf_a`**: density per solid angle, per area; `pdf_a = pdf_w |cos| / d^2`.
+//! - **`a_from_b`**: a transform that takes b to a, such as `world_from_camera`.
+//! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the reference: one
+//!   path for each pixel.
+//!
+//! # Import rules
+//!
+//! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
+//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Nothing imports the command line, which is part
+//! of the program, not of this library. A shader of a pass imports `shaders/lib` and `shaders/visibility`, never another pass.
+//!
+//! # Shaders
+//!
+//! WESL modules under `shaders/`, linked at run time by [`gpu::link`] with the flags that the plan chose. Bindings are declared
+//! there and bound by name; structs that both sides read are in [`layouts`], and a test compares them with the linked shaders.
+
 pub mod film;
 pub mod frame;
 pub mod gpu;

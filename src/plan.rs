@@ -66,6 +66,8 @@ pub struct FramePlan {
     pub vpl_resolution: u32,
     /// Whether lists are centre-sampled and depths compared.
     pub fast: bool,
+    /// Room for nodes at the start, as a multiple of the usual guess.
+    pub list_room: f32,
     /// Bytes of buffers and textures beside the scene, at the start.
     pub bytes: u64,
 }
@@ -152,6 +154,7 @@ impl FramePlan {
             light_resolution,
             vpl_resolution,
             fast,
+            list_room: settings.list_room,
             bytes: 0,
         };
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
@@ -175,7 +178,8 @@ impl FramePlan {
     pub fn room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> [u64; 2] {
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
         let words = if self.fast { 3 } else { 2 };
-        let nodes = (texels * 3 + triangles * 4).min((limit / 4 - texels) / words);
+        let guess = ((texels * 3 + triangles * 4) as f64 * f64::from(self.list_room)) as u64;
+        let nodes = guess.max(1).min((limit / 4 - texels) / words);
         [(triangles * 2 + 1024).min(limit / 16), nodes]
     }
 
@@ -185,10 +189,16 @@ impl FramePlan {
         if self.fast { 3 } else { 2 }
     }
 
+    /// Whether shaders have code for lobes beside the diffuse one.
+    #[must_use]
+    pub fn glossy(&self) -> bool {
+        self.surface_flags.contains(&"GLOSSY")
+    }
+
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = stats.triangles as u64;
-        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + 16 + 32 + 8;
+        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16 + 32 + 8;
         let views: u64 = self
             .views()
             .iter()

@@ -63,8 +63,10 @@ impl<'gpu> Renderer<'gpu> {
     /// Uploads the scene and builds what its plan asks for.
     ///
     /// # Errors
-    /// [`RenderError::Setting`] for an image that the device cannot hold or a camera that is not there, [`RenderError::Gpu`].
+    /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
+    /// [`RenderError::Gpu`].
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let camera = scene

@@ -36,8 +36,8 @@ impl Decision {
             Self::Light => 10,
             // Further bundles take blocks of their own.
             Self::Bundle(n) => 12 + 2 * (n - 2),
-            Self::Turn(n) => 100 + 3 * n,
-            Self::Shift(n) => 101 + 3 * n,
+            Self::Turn(n) => 150 + 3 * n,
+            Self::Shift(n) => 151 + 3 * n,
         }
     }
 }

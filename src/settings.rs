@@ -1,6 +1,31 @@
-//! Every knob, in one struct that the command line, the viewer and the benchmarks edit.
+//! Every knob, in one struct that the command line, the viewer and the benchmarks edit: meaning, unit, default and range.
+//!
+//! The command line derives its options from [`Settings`], with these very sentences as help; [`Settings::check`] holds the
+//! ranges.
 
 use std::fmt;
+use std::ops::RangeInclusive;
+
+/// `bounces` without a limit, for the reference.
+pub const UNLIMITED: u32 = u32::MAX;
+
+/// Pixels along a side of an image; the film sizes that scene files may ask for have the same limit.
+pub const SIDES: RangeInclusive<u32> = 1..=16_384;
+
+/// Samples: 2^24 is where adding 1 to an f32 count stops.
+pub const SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
+
+/// Indirect bounces that are counted; in `raster` each takes a bundle.
+pub const BOUNCES: RangeInclusive<u32> = 0..=64;
+
+/// Texels along a side of a view.
+pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
+
+/// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
+pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
+
+/// Seconds of a budget: up to a week.
+pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 
 /// How a picture is made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -36,47 +61,85 @@ pub enum Strategies {
     Paper,
 }
 
+/// The name that the command line knows a value by.
+fn name(value: &impl clap::ValueEnum) -> String {
+    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
+}
+
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(match self {
-            Self::Raster => "raster",
-            Self::Reference => "reference",
-        })
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for Visibility {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for Strategies {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
     }
 }
 
 /// All settings of a render.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, clap::Args, serde::Serialize)]
 pub struct Settings {
-    /// How.
+    /// How the picture is made
+    #[arg(long, value_enum, default_value_t = Self::default().method)]
     pub method: Method,
     /// Columns of the image.
+    #[arg(skip = Self::default().width)]
     pub width: u32,
     /// Rows of the image.
+    #[arg(skip = Self::default().height)]
     pub height: u32,
-    /// Iterations (`raster`) or paths per pixel (`reference`).
+    /// Iterations (raster) or paths per pixel (reference)
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples)]
     pub samples: u32,
-    /// Indirect bounces; 0 is direct light only.
+    /// As many samples as this time allows, instead of a number; counted from the first sample on
+    #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
+    pub budget: Option<f64>,
+    /// Indirect bounces: 0 is direct light only, at most 64; the reference also takes `unlimited`
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces)]
+    #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
-    /// Seed of all random numbers.
+    /// Seed of all random numbers: the same seed, device and driver give the same bytes
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed)]
     pub seed: u32,
-    /// Visibility of `raster`.
+    /// How raster tests visibility
+    #[arg(long, value_enum, default_value_t = Self::default().visibility, help_heading = RASTER)]
     pub visibility: Visibility,
-    /// Strategies of `raster`.
+    /// Which strategies of bidirectional path tracing take part
+    #[arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = RASTER)]
     pub strategies: Strategies,
-    /// Exponent of the MIS heuristic; section 4.2 uses 1.
+    /// Exponent of the MIS heuristic, 0.25 to 4: 1 is the balance heuristic (section 4.2), 2 the power heuristic
+    #[arg(long, value_name = "B", default_value_t = Self::default().beta, allow_negative_numbers = true, help_heading = RASTER)]
     pub beta: f32,
-    /// Texels along a side of a ray-bundle; none: chosen from the scene.
+    /// Texels along a side of a ray-bundle, 16 to 2048 [default: chosen from the scene]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub bundle_resolution: Option<u32>,
-    /// Texels along a side of each of the six faces around a light; none: chosen from the scene.
+    /// Texels along a side of each of the six faces around a light, 16 to 2048 [default: chosen from the scene]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub light_resolution: Option<u32>,
-    /// Texels along a side of each of the six faces around a VPL; none: chosen from the scene.
+    /// Texels along a side of each of the six faces around a VPL, 16 to 2048 [default: chosen from the scene]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub vpl_resolution: Option<u32>,
-    /// `paper`: share of the scene's diagonal below which the geometry term of (2, 3) grows no further.
+    /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
+    #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
     pub paper_clamp: f32,
+    /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
+    #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
+    pub list_room: f32,
     /// Index of the camera in the scene.
+    #[arg(skip = Self::default().camera)]
     pub camera: usize,
 }
+
+/// Heading of the options that the reference does not have.
+const RASTER: &str = "Options of raster";
 
 impl Default for Settings {
     fn default() -> Self {
@@ -85,6 +148,7 @@ impl Default for Settings {
             width: 512,
             height: 512,
             samples: 64,
+            budget: None,
             bounces: 2,
             seed: 1,
             visibility: Visibility::Exact,
@@ -94,7 +158,155 @@ impl Default for Settings {
             light_resolution: None,
             vpl_resolution: None,
             paper_clamp: 0.05,
+            list_room: 1.0,
             camera: 0,
+        }
+    }
+}
+
+/// A setting out of its range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{option} {value}: {rule}")]
+pub struct OutOfRange {
+    /// The option as the command line spells it.
+    pub option: &'static str,
+    /// What it was.
+    pub value: String,
+    /// What it has to be.
+    pub rule: String,
+}
+
+impl Settings {
+    /// Checks every value against its range.
+    ///
+    /// # Errors
+    /// The first value that is out of its range, or that the method does not have.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let Self { width, height, samples, bounces, beta, paper_clamp, .. } = *self;
+        let wrong =
+            |option, value: &dyn fmt::Display, rule: String| Err(OutOfRange { option, value: value.to_string(), rule });
+        if !SIDES.contains(&width) || !SIDES.contains(&height) {
+            return wrong("--size", &format_args!("{width}x{height}"), format!("each side has to be {}", span(&SIDES)));
+        }
+        if !SAMPLES.contains(&samples) {
+            return wrong("--samples", &samples, format!("has to be {}", span(&SAMPLES)));
+        }
+        if let Some(seconds) = self.budget.filter(|s| !BUDGETS.contains(s)) {
+            return wrong("--budget", &seconds, format!("has to be {} seconds", span(&BUDGETS)));
+        }
+        if bounces == UNLIMITED && self.method == Method::Raster {
+            return wrong("--bounces", &"unlimited", format!("raster needs a number, {}", span(&BOUNCES)));
+        }
+        if bounces != UNLIMITED && !BOUNCES.contains(&bounces) {
+            let more = if self.method == Method::Reference { " or `unlimited`" } else { "" };
+            return wrong("--bounces", &bounces, format!("has to be {}{more}", span(&BOUNCES)));
+        }
+        if !BETAS.contains(&beta) {
+            return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
+        }
+        if !(0.001..=16.0).contains(&self.list_room) {
+            return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
+        }
+        if !(0.0..=1.0).contains(&paper_clamp) {
+            return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
+        }
+        for (option, resolution) in self.resolutions() {
+            if let Some(texels) = resolution.filter(|r| !RESOLUTIONS.contains(r)) {
+                return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
+            }
+        }
+        if self.method == Method::Reference {
+            self.check_reference()?;
+        }
+        Ok(())
+    }
+
+    fn resolutions(&self) -> [(&'static str, Option<u32>); 3] {
+        [
+            ("--bundle-resolution", self.bundle_resolution),
+            ("--light-resolution", self.light_resolution),
+            ("--vpl-resolution", self.vpl_resolution),
+        ]
+    }
+
+    /// What belongs to `raster` has to stay at its default: ignoring it in silence would mislead.
+    fn check_reference(&self) -> Result<(), OutOfRange> {
+        let default = Self::default();
+        let changed = [
+            ("--visibility", (self.visibility != default.visibility).then(|| self.visibility.to_string())),
+            ("--strategies", (self.strategies != default.strategies).then(|| self.strategies.to_string())),
+            ("--beta", (self.beta != default.beta).then(|| self.beta.to_string())),
+            ("--list-room", (self.list_room != default.list_room).then(|| self.list_room.to_string())),
+            ("--paper-clamp", (self.paper_clamp != default.paper_clamp).then(|| self.paper_clamp.to_string())),
+        ];
+        let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string())));
+        match changed.into_iter().chain(resolutions).find_map(|(option, value)| Some((option, value?))) {
+            Some((option, value)) => {
+                Err(OutOfRange { option, value, rule: "is an option of raster, not of the reference".to_owned() })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn span<T: fmt::Display>(range: &RangeInclusive<T>) -> String {
+    format!("{} to {}", range.start(), range.end())
+}
+
+fn parse_bounces(text: &str) -> Result<u32, String> {
+    match text {
+        "unlimited" => Ok(UNLIMITED),
+        _ => text.parse().map_err(|_| "neither a whole number nor `unlimited`".to_owned()),
+    }
+}
+
+fn serialize_bounces<S: serde::Serializer>(bounces: &u32, serializer: S) -> Result<S::Ok, S::Error> {
+    if *bounces == UNLIMITED { serializer.serialize_str("unlimited") } else { serializer.serialize_u32(*bounces) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_range_has_two_ends() {
+        let base = Settings::default();
+        assert_eq!(base.check(), Ok(()));
+        let reference = Settings { method: Method::Reference, ..base.clone() };
+        let good = [
+            Settings { width: 1, height: 16_384, ..base.clone() },
+            Settings { samples: 1, ..base.clone() },
+            Settings { bounces: 0, ..base.clone() },
+            Settings { bounces: 64, ..base.clone() },
+            Settings { bundle_resolution: Some(16), vpl_resolution: Some(2048), ..base.clone() },
+            Settings { budget: Some(0.5), beta: 2.0, ..base.clone() },
+            Settings { bounces: UNLIMITED, ..reference.clone() },
+        ];
+        for settings in good {
+            assert_eq!(settings.check(), Ok(()), "{settings:?}");
+        }
+        let bad = [
+            ("--size", Settings { width: 0, ..base.clone() }),
+            ("--size", Settings { height: 16_385, ..base.clone() }),
+            ("--samples", Settings { samples: 0, ..base.clone() }),
+            ("--budget", Settings { budget: Some(0.0), ..base.clone() }),
+            ("--budget", Settings { budget: Some(f64::NAN), ..base.clone() }),
+            ("--bounces", Settings { bounces: 65, ..base.clone() }),
+            ("--bounces", Settings { bounces: 65, ..reference.clone() }),
+            ("--bounces", Settings { bounces: UNLIMITED, ..base.clone() }),
+            ("--beta", Settings { beta: f32::NAN, ..base.clone() }),
+            ("--beta", Settings { beta: -1.0, ..base.clone() }),
+            ("--list-room", Settings { list_room: 0.0, ..base.clone() }),
+            ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
+            ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
+            ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),
+            ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base }),
+            ("--visibility", Settings { visibility: Visibility::Fast, ..reference.clone() }),
+            ("--strategies", Settings { strategies: Strategies::Vpl, ..reference.clone() }),
+            ("--vpl-resolution", Settings { vpl_resolution: Some(64), ..reference }),
+        ];
+        for (option, settings) in bad {
+            assert_eq!(settings.check().map_err(|e| e.option), Err(option), "{settings:?}");
         }
     }
 }

@@ -37,6 +37,7 @@ impl Connect {
         view: &ViewBuffers,
         light_vertices: &wgpu::Buffer,
         eye_vertices: &wgpu::Buffer,
+        shadings: &wgpu::Buffer,
         radiance: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&view.bindings());
@@ -45,6 +46,7 @@ impl Connect {
             ("strategy", strategy.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
             ("eye_vertices", eye_vertices.as_entire_binding()),
+            ("shadings", shadings.as_entire_binding()),
             ("radiance", radiance.as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, size, &bindings);

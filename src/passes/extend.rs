@@ -31,12 +31,14 @@ impl Extend {
         size: [u32; 2],
         bundle: &ViewBuffers,
         eye_vertices: &wgpu::Buffer,
+        shadings: &wgpu::Buffer,
         radiance: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&bundle.bindings());
         bindings.extend([
             ("frame", frame.as_entire_binding()),
             ("eye_vertices", eye_vertices.as_entire_binding()),
+            ("shadings", shadings.as_entire_binding()),
             ("radiance", radiance.as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, size, &bindings);

@@ -25,12 +25,14 @@ impl EyeVertices {
         size: [u32; 2],
         gbuffer: &wgpu::TextureView,
         eye_vertices: &wgpu::Buffer,
+        shadings: &wgpu::Buffer,
         radiance: &wgpu::Buffer,
     ) {
         let bindings = scene.with(&[
             ("frame", frame.as_entire_binding()),
             ("gbuffer", wgpu::BindingResource::TextureView(gbuffer)),
             ("eye_vertices", eye_vertices.as_entire_binding()),
+            ("shadings", shadings.as_entire_binding()),
             ("radiance", radiance.as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, size, &bindings);

@@ -31,6 +31,15 @@ pub struct Hit {
     pub bary: [f32; 2],
 }
 
+impl Hit {
+    /// Interpolates what the triangle's corners have.
+    #[inline(always)]
+    pub fn mix<T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(&self, [a, b, c]: [T; 3]) -> T {
+        let [u, v] = self.bary;
+        a * (1.0 - u - v) + b * u + c * v
+    }
+}
+
 /// Four boxes: `bounds[0]` low, `bounds[1]` high, by axis; an empty slot is inside out.
 struct Node {
     bounds: [[Vec4; 3]; 2],

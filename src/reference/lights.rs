@@ -2,8 +2,9 @@
 //!
 //! The groups are lights without extent, emissive triangles (area times mean emission) and a mapped sky. Where the camera looks,
 //! each group gets a sample of its own; further down a path one group is chosen, half by power and half evenly, because a sun or
-//! a lamp may be strong elsewhere and dark here. A constant sky is in no group: BSDF sampling alone finds it without noise from
-//! the choice.
+//! a lamp may be strong elsewhere and dark here. Lights without extent, where they are few, are chosen by what they would give
+//! the receiver if nothing stood between. A constant sky is in no group: BSDF sampling alone finds it without noise from the
+//! choice.
 
 use std::f32::consts::{PI, TAU};
 
@@ -14,6 +15,9 @@ use super::distribution::Table;
 use super::environment::{LUMINANCE, Sky};
 use super::texture::Textures;
 use crate::scene::{Emission, Geometry, Light, Scene, SpotFalloff};
+
+/// Up to so many lights without extent are each looked at before one is chosen.
+const FEW: usize = 16;
 
 /// A group of lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,12 +145,13 @@ impl Lights {
         if pdf_a > 0.0 { pdf_a * distance * distance / cos } else { 0.0 }
     }
 
-    /// A direction from a receiver towards a light of a group; none where the light does not shine there.
+    /// A direction from a receiver with a shading normal towards a light of a group; none where the light does not shine there.
     #[must_use]
     pub fn sample(
         &self,
         group: Group,
         from: Vec3,
+        normal: Vec3,
         u: Vec2,
         geometry: &Geometry,
         sky: Option<&Sky>,
@@ -157,7 +162,7 @@ impl Lights {
         };
         match group {
             Group::Delta => {
-                let (index, probability, _) = self.delta_table.sample(u.x);
+                let (index, probability) = self.choose_delta(from, normal, u.x)?;
                 let (direction, target, irradiance) = delta(&self.delta[index], from)?;
                 Some(LightSample { direction, target, weight: irradiance / probability, pdf_w: None })
             }
@@ -180,6 +185,40 @@ impl Lights {
                 extended(direction, Target::Infinity, pdf_w)
             }
         }
+    }
+}
+
+impl Lights {
+    /// A light without extent and its probability.
+    fn choose_delta(&self, from: Vec3, normal: Vec3, u: f32) -> Option<(usize, f32)> {
+        let count = self.delta.len();
+        if count == 1 {
+            return Some((0, 1.0));
+        }
+        if count > FEW {
+            let (index, probability, _) = self.delta_table.sample(u);
+            return Some((index, probability));
+        }
+        let mut gifts = [0.0; FEW];
+        let mut total = 0.0;
+        for (gift, light) in gifts.iter_mut().zip(&self.delta) {
+            if let Some((direction, _, irradiance)) = delta(light, from) {
+                let expected = irradiance.dot(LUMINANCE) * direction.dot(normal).max(0.0);
+                // What is not a number must be met sometimes, to be seen.
+                *gift = if expected.is_finite() { expected } else { 1.0 };
+                total += *gift;
+            }
+        }
+        let mut left = u * total;
+        let mut chosen = None;
+        for (index, &gift) in gifts[..count].iter().enumerate().filter(|(_, gift)| **gift > 0.0) {
+            chosen = Some((index, gift / total));
+            left -= gift;
+            if left < 0.0 {
+                break;
+            }
+        }
+        chosen
     }
 }
 

@@ -33,7 +33,6 @@ use self::environment::Sky;
 use self::lights::Lights;
 use self::sampler::Sampler;
 use self::surface::Surfaces;
-use self::texture::Textures;
 
 /// Side of the square of pixels that one task renders.
 const TILE: u32 = 16;
@@ -70,7 +69,6 @@ pub struct ReferenceOutput {
 pub struct Reference<'s> {
     scene: &'s Scene,
     surfaces: Surfaces<'s>,
-    textures: Textures<'s>,
     sky: Option<Sky<'s>>,
     lights: Lights,
     bvh: Bvh,
@@ -83,16 +81,15 @@ impl<'s> Reference<'s> {
     #[must_use]
     pub fn new(scene: &'s Scene) -> Self {
         let surfaces = Surfaces::new(scene);
-        let textures = Textures::new(scene);
         let sky = scene.environment.as_ref().map(Sky::new);
-        let lights = Lights::new(scene, &surfaces.geometry, &textures, sky.as_ref());
+        let lights = Lights::new(scene, &surfaces.geometry, &surfaces.textures, sky.as_ref());
         let bvh = Bvh::new(&surfaces.geometry, |triangle| {
             let material = surfaces.material(triangle);
             material.alpha_mask.is_some() || material.sides == Sides::OneCulled
         });
         let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
         let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);
-        Self { scene, surfaces, textures, sky, lights, bvh, emitters_can_be_hit }
+        Self { scene, surfaces, sky, lights, bvh, emitters_can_be_hit }
     }
 
     /// The triangles that all indices refer to.
@@ -156,7 +153,7 @@ impl<'s> Reference<'s> {
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, exclude: Option<u32>) -> Option<Hit> {
         let exclude = exclude.unwrap_or(NONE);
         let origin = self.step_off(origin, direction, exclude);
-        self.bvh.closest(origin, direction, f32::INFINITY, exclude, |hit| self.surfaces.solid(hit, &self.textures))
+        self.bvh.closest(origin, direction, f32::INFINITY, exclude, |hit| self.surfaces.solid(hit))
     }
 
     /// Whether anything lies between two points, leaving out the triangles that they are on.
@@ -165,7 +162,7 @@ impl<'s> Reference<'s> {
         let (exclude_p, exclude_q) = (exclude_p.unwrap_or(NONE), exclude_q.unwrap_or(NONE));
         let start = self.step_off(p, q - p, exclude_p);
         let end = self.step_off(q, p - q, exclude_q);
-        let solid = |hit: &Hit| self.surfaces.solid(hit, &self.textures);
+        let solid = |hit: &Hit| self.surfaces.solid(hit);
         self.bvh.any(start, end - start, 1.0, [exclude_p, exclude_q], solid)
     }
 

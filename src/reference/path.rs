@@ -58,10 +58,10 @@ impl Reference<'_> {
                 }
                 break;
             };
-            let surface = self.surfaces.at(&hit, direction, &self.textures);
+            let surface = self.surfaces.at(&hit, direction);
 
             // Light that the ray ran into.
-            let emitted = self.emitted(&surface);
+            let emitted = self.surfaces.emitted(&hit, surface.front);
             if emitted != Vec3::ZERO {
                 let weight = pdf_w.map_or(1.0, |pdf| {
                     let cos = surface.normal.dot(direction).abs();
@@ -73,7 +73,7 @@ impl Reference<'_> {
             if bounces.is_some_and(|bounces| vertex > bounces) {
                 break;
             }
-            let Some(bsdf) = self.surfaces.bsdf(&surface, &self.textures) else { break };
+            let Some(bsdf) = self.surfaces.bsdf(&surface) else { break };
             let wo = surface.frame.local(-direction);
             if wo.z <= 0.0 {
                 break;
@@ -108,7 +108,7 @@ impl Reference<'_> {
             }
             throughput *= sample.weight;
             if vertex >= ROULETTE_FROM {
-                let survival = throughput.max_element().min(0.95);
+                let survival = sample.weight.max_element().min(0.95);
                 if sampler.pair().x >= survival {
                     break;
                 }
@@ -128,17 +128,7 @@ impl Reference<'_> {
         let culled = vertex == 0
             && self.surfaces.material(hit.triangle).sides == Sides::OneCulled
             && self.surfaces.normals[hit.triangle as usize].dot(direction) >= 0.0;
-        !culled && self.surfaces.solid(hit, &self.textures)
-    }
-
-    /// Radiance that a surface sends to its viewer by itself.
-    fn emitted(&self, surface: &Surface) -> Vec3 {
-        match &surface.material.1.emission {
-            Some(emission) if surface.front || emission.two_sided => {
-                self.textures.color(&emission.radiance, surface.uvs)
-            }
-            _ => Vec3::ZERO,
-        }
+        !culled && self.surfaces.solid(hit)
     }
 
     /// One light sample at a vertex, of a group that was chosen with a probability.
@@ -151,8 +141,10 @@ impl Reference<'_> {
         (group, chance, u): (Group, f32, Vec2),
         rays: &mut u32,
     ) -> Vec3 {
-        let sample = self.lights.sample(group, surface.position, u, &self.surfaces.geometry, self.sky.as_ref());
-        let Some(sample) = sample else { return Vec3::ZERO };
+        let (geometry, sky) = (&self.surfaces.geometry, self.sky.as_ref());
+        let Some(sample) = self.lights.sample(group, surface.position, surface.frame.z, u, geometry, sky) else {
+            return Vec3::ZERO;
+        };
         if sample.direction.dot(surface.normal) <= 0.0 {
             return Vec3::ZERO;
         }
@@ -172,7 +164,7 @@ impl Reference<'_> {
             }
             Target::Infinity => {
                 let start = self.step_off(surface.position, sample.direction, hit.triangle);
-                let solid = |hit: &Hit| self.surfaces.solid(hit, &self.textures);
+                let solid = |hit: &Hit| self.surfaces.solid(hit);
                 self.bvh.any(start, sample.direction, f32::INFINITY, [hit.triangle, NONE], solid)
             }
         };
@@ -191,8 +183,8 @@ impl Reference<'_> {
             (Some(_), Target::Infinity) => self.sky.as_ref().map_or(Vec3::ZERO, |sky| sky.radiance(sample.direction)),
             (Some(_), Target::Point { triangle, bary, .. }) => {
                 let hit = Hit { triangle, t: 0.0, bary };
-                let surface = self.surfaces.at(&hit, sample.direction, &self.textures);
-                if self.surfaces.solid(&hit, &self.textures) { self.emitted(&surface) } else { Vec3::ZERO }
+                let front = self.surfaces.normals[triangle as usize].dot(sample.direction) < 0.0;
+                if self.surfaces.solid(&hit) { self.surfaces.emitted(&hit, front) } else { Vec3::ZERO }
             }
         }
     }

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::texture::Textures;
+use crate::scene::geometry::Vertex;
 use crate::scene::{Geometry, Material, NormalMap, Scene, Sides};
 
 /// An orthonormal frame around a shading normal.
@@ -67,6 +68,8 @@ pub struct Surfaces<'s> {
     pub geometry: Geometry,
     /// Unit normals of the triangles, front side.
     pub normals: Vec<Vec3>,
+    /// Textures of the materials.
+    pub textures: Textures<'s>,
     materials: &'s [Material],
     prepared: Vec<f32>,
 }
@@ -83,6 +86,7 @@ impl<'s> Surfaces<'s> {
         Self {
             normals: (0..geometry.triangles.len()).map(normal).collect(),
             prepared: scene.materials.iter().map(|m| bsdf::prepare(&m.bsdf)).collect(),
+            textures: Textures::new(scene),
             materials: &scene.materials,
             geometry,
         }
@@ -96,30 +100,49 @@ impl<'s> Surfaces<'s> {
 
     /// Whether a point of a triangle is there at all, or cut out by an alpha mask.
     #[must_use]
-    pub fn solid(&self, hit: &Hit, textures: &Textures) -> bool {
+    pub fn solid(&self, hit: &Hit) -> bool {
         let Some(mask) = &self.material(hit.triangle).alpha_mask else { return true };
-        let corners = self.geometry.triangles[hit.triangle as usize].map(|i| &self.geometry.vertices[i as usize]);
-        let weights = weights(hit);
-        let uvs = [0, 1].map(|set| (0..3).map(|i| corners[i].uvs[set] * weights[i]).sum());
-        let alpha: f32 = (0..3).map(|i| corners[i].color.w * weights[i]).sum();
-        textures.scalar(&mask.value, uvs) * alpha >= mask.cutoff
+        let corners = self.corners(hit.triangle);
+        let alpha = hit.mix(corners.map(|c| c.color.w));
+        self.textures.scalar(&mask.value, self.uvs(hit)) * alpha >= mask.cutoff
+    }
+
+    /// Texture coordinates at a hit.
+    #[must_use]
+    pub fn uvs(&self, hit: &Hit) -> [Vec2; 2] {
+        let corners = self.corners(hit.triangle);
+        [0, 1].map(|set| hit.mix(corners.map(|c| c.uvs[set])))
+    }
+
+    /// Radiance that a triangle sends out at a hit, to its front or to its back.
+    #[must_use]
+    pub fn emitted(&self, hit: &Hit, front: bool) -> Vec3 {
+        match &self.material(hit.triangle).emission {
+            Some(emission) if front || emission.two_sided => match &emission.radiance.texture {
+                Some(_) => self.textures.color(&emission.radiance, self.uvs(hit)),
+                None => emission.radiance.factor,
+            },
+            _ => Vec3::ZERO,
+        }
+    }
+
+    fn corners(&self, triangle: u32) -> [&Vertex; 3] {
+        self.geometry.triangles[triangle as usize].map(|i| &self.geometry.vertices[i as usize])
     }
 
     /// The surface at a hit, for a ray that came along `direction`.
     #[must_use]
-    pub fn at(&self, hit: &Hit, direction: Vec3, textures: &Textures) -> Surface<'s> {
-        let corners = self.geometry.triangles[hit.triangle as usize].map(|i| &self.geometry.vertices[i as usize]);
-        let weights = weights(hit);
+    pub fn at(&self, hit: &Hit, direction: Vec3) -> Surface<'s> {
+        let corners = self.corners(hit.triangle);
         let flat = self.normals[hit.triangle as usize];
         let front = flat.dot(direction) < 0.0;
         let side = if front { 1.0 } else { -1.0 };
-        let uvs = [0, 1].map(|set| (0..3).map(|i| corners[i].uvs[set] * weights[i]).sum());
-        let smooth = (0..3).map(|i| corners[i].normal * weights[i]).sum::<Vec3>();
-        let mut shading = smooth.try_normalize().unwrap_or(flat);
+        let uvs = self.uvs(hit);
+        let mut shading = hit.mix(corners.map(|c| c.normal)).try_normalize().unwrap_or(flat);
         let index = self.geometry.materials[hit.triangle as usize] as usize;
         let material = &self.materials[index];
         if let Some(map) = &material.normal_map {
-            let tangent = (0..3).map(|i| corners[i].tangent.truncate() * weights[i]).sum::<Vec3>();
+            let tangent = hit.mix(corners.map(|c| c.tangent.truncate()));
             let handedness = corners[0].tangent.w;
             let tangent = if handedness == 0.0 {
                 let set = map.texture.uv_set as usize & 1;
@@ -128,31 +151,28 @@ impl<'s> Surfaces<'s> {
                 Some((tangent, handedness))
             };
             if let Some((tangent, handedness)) = tangent {
-                shading = bend(map, textures, uvs, shading, tangent, handedness);
+                shading = bend(map, &self.textures, uvs, shading, tangent, handedness);
             }
         }
         Surface {
-            position: (0..3).map(|i| corners[i].position * weights[i]).sum(),
+            position: hit.mix(corners.map(|c| c.position)),
             normal: flat * side,
             frame: Frame::new(shading * side),
             front,
             uvs,
-            vertex_color: (0..3).map(|i| corners[i].color.truncate() * weights[i]).sum(),
+            vertex_color: hit.mix(corners.map(|c| c.color.truncate())),
             material: (index, material),
         }
     }
 
     /// How a surface reflects; none where it is black.
     #[must_use]
-    pub fn bsdf(&self, surface: &Surface, textures: &Textures) -> Option<Bsdf> {
+    pub fn bsdf(&self, surface: &Surface) -> Option<Bsdf> {
         let (index, material) = surface.material;
         let reflects = surface.front || material.sides == Sides::Two;
-        reflects.then(|| Bsdf::new(&material.bsdf, self.prepared[index], textures, surface.uvs, surface.vertex_color))
+        reflects
+            .then(|| Bsdf::new(&material.bsdf, self.prepared[index], &self.textures, surface.uvs, surface.vertex_color))
     }
-}
-
-fn weights(hit: &Hit) -> [f32; 3] {
-    [1.0 - hit.bary[0] - hit.bary[1], hit.bary[0], hit.bary[1]]
 }
 
 /// The direction in which u grows, and the sign that makes normal x tangent point up the image (v runs down it).

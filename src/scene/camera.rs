@@ -1,6 +1,6 @@
 //! Cameras: pinholes and parallel projections.
 
-use glam::{Affine3A, Vec2};
+use glam::{Affine3A, Vec2, Vec3};
 
 /// Which image axis an angle of view spans (Mitsuba's `fov_axis`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,6 +48,17 @@ pub struct Camera {
 }
 
 impl Camera {
+    /// Moves the camera to `eye` and turns it towards `target`, with +Y up, or -Z where it looks along Y. Nothing where the two
+    /// points are not finite or too close for a direction.
+    #[must_use]
+    pub fn looking(self, eye: Vec3, target: Vec3) -> Option<Self> {
+        let back = (eye - target).try_normalize()?;
+        let up = if back.y.abs() < 0.9999 { Vec3::Y } else { Vec3::NEG_Z };
+        let right = up.cross(back).try_normalize()?;
+        let axes = glam::Mat3::from_cols(right, back.cross(right), back);
+        Some(Self { world_from_camera: Affine3A::from_mat3_translation(axes, eye), ..self })
+    }
+
     /// Half extents of the image plane: at distance 1 for a pinhole (tangents), in metres for a parallel camera.
     ///
     /// A parallel camera keeps its half height and takes its half width from the image's aspect.

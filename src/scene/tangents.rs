@@ -51,7 +51,7 @@ fn flatten(mesh: &mut Mesh) {
 }
 
 /// Makes vertex i what vertex `vertices[i]` was; triangles stay as they are.
-fn select(mesh: &mut Mesh, vertices: &[u32]) {
+pub(super) fn select(mesh: &mut Mesh, vertices: &[u32]) {
     fn pick<T: Copy>(values: &mut Vec<T>, vertices: &[u32]) {
         if !values.is_empty() {
             *values = vertices.iter().map(|&v| values[v as usize]).collect();

@@ -7,7 +7,6 @@ use glam::Vec3;
 
 use super::Loader;
 use super::spectra::Use;
-use super::tangents::Frame;
 use super::textures::is_texture;
 use super::values::Plugin;
 use super::xml::Element;
@@ -19,11 +18,20 @@ use crate::scene::{
 /// BSDFs may be nested this deep.
 const MAX_NESTING: usize = 16;
 
+/// Where a normal map's Y axis points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Frame {
+    /// Along normal x tangent however the mesh is mapped, as in Mitsuba.
+    RightHanded,
+    /// Up the image.
+    ImageUp,
+}
+
 /// A material that still has to meet its mesh.
 #[derive(Clone, Debug)]
 pub(super) struct Surface {
     pub material: Material,
-    /// How the normal map's axes lie on the mesh.
+    /// How the normal map's axes lie on the mesh, if there is one.
     pub frame: Option<Frame>,
     /// A bump map's slopes are per unit of uv: its scale has to be divided by the metres that a unit of uv spans.
     pub bump: bool,

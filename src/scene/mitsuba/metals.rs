@@ -137,3 +137,30 @@ pub(super) fn index_of_refraction(name: &str) -> Option<f32> {
         _ => return None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reflectance(name: &str) -> Vec3 {
+        let Some(Fresnel::Conductor { eta, k }) = metal(name) else { panic!("{name} is not in the table") };
+        ((eta - 1.0) * (eta - 1.0) + k * k) / ((eta + 1.0) * (eta + 1.0) + k * k)
+    }
+
+    /// Reflectances at normal incidence that other tables give, within what tables differ by.
+    #[test]
+    fn metals_have_their_colours() {
+        for (name, expected) in [
+            ("Au", [1.0, 0.78, 0.34]),
+            ("Ag", [0.97, 0.96, 0.92]),
+            ("Cu", [0.93, 0.62, 0.53]),
+            ("Al", [0.91, 0.92, 0.92]),
+            ("Cr", [0.549, 0.556, 0.554]),
+        ] {
+            let ours = reflectance(name);
+            assert!((ours - Vec3::from(expected)).abs().max_element() < 0.08, "{name}: {ours}");
+        }
+        assert_eq!(metal("none"), Some(Fresnel::None));
+        assert_eq!(metal("Unobtainium"), None);
+    }
+}

@@ -1,6 +1,6 @@
 //! Mitsuba scenes: XML of the dialects 0.5/0.6 and 2/3.
 //!
-//! [`load`] reads the XML into one tree ([`xml`]), then walks the root's children: `sensors`, `shapes` (with the mesh files
+//! [`load`] reads the XML into one tree (`xml`), then walks the root's children: `sensors`, `shapes` (with the mesh files
 //! `ply`, `obj` and `serialized`), `bsdfs` with `textures` and `metals`, `emitters`. Values are read by `values` and `spectra`;
 //! parameters that nobody asked for are named in a warning. The integrator's and sampler's settings are the command line's
 //! business and are ignored. A scene without sensor or light is returned as it is.
@@ -16,7 +16,6 @@ mod sensors;
 mod serialized;
 mod shapes;
 mod spectra;
-mod tangents;
 mod textures;
 mod values;
 mod xml;
@@ -70,7 +69,13 @@ impl<'a> Loader<'a> {
             "emitter" | "luminaire" => self.emitter(element),
             // Read when a shape refers to them.
             "bsdf" | "texture" | "spectrum" | "rgb" | "srgb" => Ok(()),
-            "integrator" | "sampler" | "film" | "alias" | "ref" | "string" | "integer" | "float" | "boolean" => Ok(()),
+            "integrator" => {
+                if self.plugin(element)?.boolean("hide_emitters")? == Some(true) {
+                    self.warn("hide_emitters is ignored: the camera sees lights and sky");
+                }
+                Ok(())
+            }
+            "sampler" | "film" | "alias" | "ref" | "string" | "integer" | "float" | "boolean" => Ok(()),
             "medium" | "volume" | "phase" | "subsurface" => {
                 self.warn(format!("{}: participating media are not supported; it is left out", element.title()));
                 Ok(())

@@ -1,4 +1,4 @@
-//! OBJ meshes: positions, normals, texture coordinates and polygons. Groups and materials are read over: a shape has one bsdf.
+//! OBJ meshes: positions, normals, texture coordinates, polygons and the names of their materials, whose files are not read.
 //!
 //! Read here and not by a crate so that every error names its line and corners may lack what others have.
 
@@ -14,18 +14,20 @@ type Corner = [Option<u32>; 3];
 
 /// Reads a mesh; v stays up as in the file. Polygons are cut into fans.
 ///
-/// Where only some corners have a normal, the mesh has none; a missing texture coordinate is zero.
-pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
+/// Where only some corners have a normal, the mesh has none; a missing texture coordinate is zero. With the mesh come the
+/// materials by name, each from its first triangle to the next one's.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     let mut corners: Vec<Corner> = Vec::new();
     let mut vertices: HashMap<Corner, u32> = HashMap::new();
     let mut mesh = Mesh::default();
     let mut polygon: Vec<u32> = Vec::new();
+    let mut materials = Vec::new();
     for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
         let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
         // Names may be in any encoding; numbers are ASCII.
         let line = String::from_utf8_lossy(line);
-        let mut words = line.split_whitespace();
+        let mut words = line.split('#').next().unwrap_or_default().split_whitespace();
         let floats = |words: std::str::SplitWhitespace| -> Result<[f32; 3], LoadError> {
             let mut out = [0.0_f32; 3];
             let mut count = 0;
@@ -66,6 +68,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
                 }
                 mesh.triangles.extend(polygon[1..].windows(2).map(|pair| [polygon[0], pair[0], pair[1]]));
             }
+            Some("usemtl") => materials.push((words.collect::<Vec<_>>().join(" "), mesh.triangles.len())),
             _ => {}
         }
     }
@@ -77,7 +80,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
     if !corners.is_empty() && corners.iter().all(|c| c[2].is_some()) {
         mesh.normals = corners.iter().filter_map(|c| c[2].map(|i| normals[i as usize])).collect();
     }
-    Ok(mesh)
+    Ok((mesh, materials))
 }
 
 /// `position/uv/normal` with one-based indices, negative ones counting back from the latest.

@@ -12,13 +12,17 @@ use crate::scene::{LoadError, Mesh};
 ///
 /// Polygons are cut into fans. Errors name the line of an ASCII file, and the vertex or face of a binary one.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
-    let error = |e: ParseError| match e.line() {
-        // The line is part of the place, so only the message's last part is kept.
+    let at_line = |e: ParseError| match e.line() {
         Some(line) => LoadError::at(path, format!("line {line}"), tidy(&e.to_string())),
         None => LoadError::new(path, tidy(&e.to_string())),
     };
     let mut reader = Reader::new(bytes);
-    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(error)?;
+    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(at_line)?;
+    let error = |e: ParseError| match header.encoding {
+        Encoding::Ascii => at_line(e),
+        // The parser counts elements as lines there.
+        _ => LoadError::new(path, tidy(&e.to_string())),
+    };
     // An element takes at least this many bytes, so a header cannot promise more than the file holds.
     let mut promised = 0_u128;
     for (name, element) in &header.elements {

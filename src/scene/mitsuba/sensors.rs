@@ -31,8 +31,7 @@ impl<'a> Loader<'a> {
             Projection::Orthographic { half_extent: Vec2::new(half_width, half_width * height as f32 / width as f32) }
         } else {
             let (fov, axis) = field_of_view(&plugin)?;
-            let projection = Projection::Perspective { fov, axis };
-            projection
+            Projection::Perspective { fov, axis }
         };
         plugin.ignore(&[
             "near_clip",

@@ -9,6 +9,10 @@ use glam::{Vec2, Vec3};
 
 use crate::scene::{LoadError, Mesh};
 
+/// Vertices and triangles that a mesh may have; a small compressed file can promise and hold far more than fits in memory.
+const MAX_COUNT: u64 = 1 << 26;
+/// Bytes of a name.
+const MAX_NAME: usize = 1 << 16;
 const HAS_NORMALS: u32 = 0x1;
 const HAS_TEXCOORDS: u32 = 0x2;
 const HAS_COLORS: u32 = 0x8;
@@ -55,17 +59,20 @@ fn offset(bytes: &[u8], version: u16, index: usize) -> Result<usize, String> {
 fn read_mesh(reader: &mut impl Read, version: u16) -> Result<(Mesh, bool), String> {
     let flags = u32::from_le_bytes(take(reader)?);
     let mut name = Vec::new();
-    while version == 4 {
-        let [byte] = take(reader)?;
-        if byte == 0 {
-            break;
+    if version == 4 {
+        loop {
+            let [byte] = take(reader)?;
+            match byte {
+                0 => break,
+                _ if name.len() > MAX_NAME => return Err(format!("its name is longer than {MAX_NAME} bytes")),
+                _ => name.push(byte),
+            }
         }
-        name.push(byte);
     }
     let vertices = u64::from_le_bytes(take(reader)?);
     let triangles = u64::from_le_bytes(take(reader)?);
-    if vertices > u64::from(u32::MAX) || triangles > u64::from(u32::MAX) {
-        return Err(format!("{vertices} vertices and {triangles} triangles are more than 32 bits can count"));
+    if vertices.max(triangles) > MAX_COUNT {
+        return Err(format!("{vertices} vertices and {triangles} triangles are more than {MAX_COUNT}"));
     }
     let double = flags & DOUBLE != 0;
     let mut vectors = |present: bool| -> Result<Vec<Vec3>, String> {

@@ -6,14 +6,14 @@
 
 use std::path::Path;
 
-use glam::{Affine3A, DMat4, DVec3, Mat3A, Vec3};
+use glam::{Affine2, Affine3A, DMat4, DVec3, Mat3A, Vec3};
 
-use super::bsdfs::Surface;
+use super::bsdfs::{Frame, Surface};
 use super::values::Plugin;
 use super::xml::Element;
-use super::{Loader, obj, ply, serialized, tangents};
+use super::{Loader, obj, ply, serialized};
 use crate::scene::shapes::{cube, cylinder, disk, rectangle, smooth_normals, sphere};
-use crate::scene::{Bsdf, Color, Instance, LoadError, Material, Mesh, Sides};
+use crate::scene::{Bsdf, Color, Instance, LoadError, Material, Mesh, Sides, tangents};
 
 /// Triangles that a scene may place in the world; a file of a few lines could ask for more than any memory holds.
 const MAX_TRIANGLES: usize = 1 << 28;
@@ -21,7 +21,7 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// A surface in the scene's list; bumped ones get one entry for each mesh.
 #[derive(Clone, Debug)]
 pub(super) enum ShapeMaterial {
-    Ready(usize, Option<tangents::Frame>),
+    Ready(usize, Option<Frame>),
     Bumped(Box<Surface>),
 }
 
@@ -76,10 +76,13 @@ impl<'a> Loader<'a> {
         let plugin = self.plugin(element)?;
         let mut to_world = plugin.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
         let flip = plugin.boolean("flip_normals")?.unwrap_or(false);
+        let mut materials = Vec::new();
         let mut mesh = match element.plugin() {
             kind @ ("obj" | "ply" | "serialized") => {
                 let mirrored = to_world.determinant() < 0.0;
-                self.mesh_file(&plugin, kind, mirrored)?
+                let (mesh, named) = self.mesh_file(&plugin, kind, mirrored)?;
+                materials = named;
+                mesh
             }
             "rectangle" => rectangle(),
             "disk" => disk(64),
@@ -118,8 +121,13 @@ impl<'a> Loader<'a> {
             id.clone_into(&mut mesh.name);
         }
         let world_from_local = affine(element, Some(to_world))?;
-        self.shape_material(&plugin, &mut mesh, &world_from_local)?;
-        plugin.ignore(&["silhouette_sampling_weight", "center", "radius"]);
+        let emitter = plugin.only("emitter")?;
+        let first = self.scene.meshes.len();
+        for (bsdf, mut part) in self.parts(&plugin, mesh, &materials)? {
+            self.shape_material(bsdf, emitter, &mut part, &world_from_local)?;
+            self.scene.meshes.push(part);
+        }
+        plugin.ignore(&["silhouette_sampling_weight"]);
         for tag in ["medium", "subsurface"] {
             if !plugin.nested(tag).is_empty() {
                 self.warn(format!(
@@ -129,17 +137,65 @@ impl<'a> Loader<'a> {
             }
         }
         self.finish(&plugin);
-        self.scene.meshes.push(mesh);
-        Ok(vec![Instance { mesh: self.scene.meshes.len() - 1, world_from_local }])
+        Ok((first..self.scene.meshes.len()).map(|mesh| Instance { mesh, world_from_local }).collect())
     }
 
-    fn mesh_file(&mut self, plugin: &Plugin<'a>, kind: &str, mirrored: bool) -> Result<Mesh, LoadError> {
+    /// The mesh with its bsdf, or, where several bsdfs are named after an OBJ file's materials, the triangles of each.
+    fn parts(
+        &mut self,
+        plugin: &Plugin<'a>,
+        mesh: Mesh,
+        materials: &[(String, usize)],
+    ) -> Result<Vec<(Option<&'a Element>, Mesh)>, LoadError> {
+        let bsdfs = plugin.named("bsdf");
+        if bsdfs.len() < 2 || materials.is_empty() {
+            return Ok(vec![(plugin.only("bsdf")?, mesh)]);
+        }
+        let fallback = bsdfs.iter().find(|(name, _)| name.is_none()).or(bsdfs.first()).map(|&(_, bsdf)| bsdf);
+        let mut parts: Vec<(Option<&'a Element>, Vec<[u32; 3]>)> = Vec::new();
+        let ends = materials.iter().skip(1).map(|m| m.1).chain([mesh.triangles.len()]);
+        let unnamed = [(String::new(), 0)];
+        let ranges = unnamed.iter().zip([materials[0].1]).chain(materials.iter().zip(ends));
+        for ((name, start), end) in ranges {
+            if *start == end {
+                continue;
+            }
+            let bsdf = match bsdfs.iter().find(|(n, _)| *n == Some(name.as_str())) {
+                Some(&(_, bsdf)) => Some(bsdf),
+                None => {
+                    self.warn(format!(
+                        "`{}`: no bsdf is named after its material `{name}`; the first one is drawn",
+                        mesh.name
+                    ));
+                    fallback
+                }
+            };
+            let triangles = &mesh.triangles[*start..end];
+            match parts.iter_mut().find(|(b, _)| b.map(std::ptr::from_ref) == bsdf.map(std::ptr::from_ref)) {
+                Some((_, part)) => part.extend(triangles),
+                None => parts.push((bsdf, triangles.to_vec())),
+            }
+        }
+        Ok(parts.into_iter().map(|(bsdf, triangles)| (bsdf, subset(&mesh, &triangles))).collect())
+    }
+
+    fn mesh_file(
+        &mut self,
+        plugin: &Plugin<'a>,
+        kind: &str,
+        mirrored: bool,
+    ) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
         let path = self.resolve(element, name)?;
         let bytes = read(&path)?;
+        let mut materials = Vec::new();
         let (mut mesh, flat) = match kind {
-            "obj" => (obj::parse(&path, &bytes)?, false),
+            "obj" => {
+                let (mesh, named) = obj::parse(&path, &bytes)?;
+                materials = named;
+                (mesh, false)
+            }
             "ply" => (ply::parse(&path, &bytes)?, false),
             _ => {
                 let index = plugin.integer("shape_index")?.unwrap_or(0);
@@ -175,13 +231,17 @@ impl<'a> Loader<'a> {
         if mesh.name.is_empty() {
             name.clone_into(&mut mesh.name);
         }
-        Ok(mesh)
+        Ok((mesh, materials))
     }
 
     /// Sets the mesh's material and, where that has a normal map, its tangents.
-    fn shape_material(&mut self, plugin: &Plugin<'a>, mesh: &mut Mesh, to_world: &Affine3A) -> Result<(), LoadError> {
-        let bsdf = plugin.only("bsdf")?;
-        let emitter = plugin.only("emitter")?;
+    fn shape_material(
+        &mut self,
+        bsdf: Option<&'a Element>,
+        emitter: Option<&'a Element>,
+        mesh: &mut Mesh,
+        to_world: &Affine3A,
+    ) -> Result<(), LoadError> {
         let key = [bsdf, emitter].map(|e| e.map(std::ptr::from_ref));
         if !self.materials.contains_key(&key) {
             let mut surface = match bsdf {
@@ -206,7 +266,7 @@ impl<'a> Loader<'a> {
             }
             ShapeMaterial::Bumped(surface) => {
                 let Surface { mut material, frame, .. } = *surface;
-                match tangents::metres_per_uv(mesh, to_world) {
+                match metres_per_uv(mesh, to_world) {
                     Some(metres) => {
                         if let Some(map) = &mut material.normal_map {
                             map.scale /= metres;
@@ -219,17 +279,17 @@ impl<'a> Loader<'a> {
                 frame
             }
         };
-        if let Some(frame) = frame {
-            if mesh.uvs[0].is_empty() {
-                self.scene.warn(format!(
-                    "`{}` has no texture coordinates, so its normal or bump map is not drawn",
-                    mesh.name
-                ));
+        if frame.is_some() && mesh.uvs[0].is_empty() {
+            self.warn(format!("`{}` has no texture coordinates, so its normal or bump map is not drawn", mesh.name));
+        }
+        if let (Some(frame), Some(map)) = (frame, self.scene.materials[mesh.material].normal_map) {
+            match frame {
+                Frame::ImageUp => tangents::generate(mesh, 0, map.texture.transform),
+                Frame::RightHanded => {
+                    tangents::generate(mesh, 0, Affine2::IDENTITY);
+                    mesh.tangents.iter_mut().for_each(|t| t.w = 1.0);
+                }
             }
-            if mesh.normals.is_empty() {
-                split_flat(mesh);
-            }
-            tangents::derive(mesh, frame);
         }
         Ok(())
     }
@@ -260,20 +320,36 @@ fn turn_inside_out(mesh: &mut Mesh) {
     mesh.normals.iter_mut().for_each(|n| *n = -*n);
 }
 
-/// Gives every triangle its own corners with its own normal.
-fn split_flat(mesh: &mut Mesh) {
-    let corners: Vec<usize> = mesh.triangles.iter().flatten().map(|&i| i as usize).collect();
-    let flat = |t: &[u32; 3]| {
-        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
-        (b - a).cross(c - a).normalize_or(Vec3::Z)
+/// Some of a mesh's triangles with the vertices that they use.
+fn subset(mesh: &Mesh, triangles: &[[u32; 3]]) -> Mesh {
+    let mut places = vec![u32::MAX; mesh.positions.len()];
+    let mut used: Vec<u32> = Vec::new();
+    let mut place = |i: u32| {
+        let slot = &mut places[i as usize];
+        if *slot == u32::MAX {
+            *slot = used.len() as u32;
+            used.push(i);
+        }
+        *slot
     };
-    mesh.normals = mesh.triangles.iter().flat_map(|t| [flat(t); 3]).collect();
-    mesh.positions = corners.iter().map(|&i| mesh.positions[i]).collect();
-    for uvs in &mut mesh.uvs {
-        *uvs = if uvs.is_empty() { Vec::new() } else { corners.iter().map(|&i| uvs[i]).collect() };
+    let triangles = triangles.iter().map(|t| t.map(&mut place)).collect();
+    let mut part = mesh.clone();
+    tangents::select(&mut part, &used);
+    Mesh { triangles, ..part }
+}
+
+/// Metres that a unit of uv spans: the root of the areas' ratio.
+fn metres_per_uv(mesh: &Mesh, to_world: &Affine3A) -> Option<f32> {
+    let uvs = &mesh.uvs[0];
+    if uvs.is_empty() {
+        return None;
     }
-    if !mesh.colors.is_empty() {
-        mesh.colors = corners.iter().map(|&i| mesh.colors[i]).collect();
+    let (mut metres, mut uv) = (0.0_f64, 0.0_f64);
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|i| i as usize);
+        let edge = |i: usize| to_world.transform_vector3(mesh.positions[i] - mesh.positions[a]);
+        metres += f64::from(edge(b).cross(edge(c)).length());
+        uv += f64::from((uvs[b] - uvs[a]).perp_dot(uvs[c] - uvs[a]).abs());
     }
-    mesh.triangles = (0..mesh.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    (metres > 0.0 && uv > 0.0).then(|| (metres / uv).sqrt() as f32)
 }

@@ -35,10 +35,17 @@ pub(super) fn color(element: &Element, use_: Use, folders: &[PathBuf]) -> Result
         ("blackbody", _) => blackbody(element)?,
         (tag, _) => return Err(element.error(format!("<{tag}> is not a colour"))),
     };
-    if use_ != Use::Unbounded && color.min_element() < 0.0 {
-        return Err(element.error("the colour is negative"));
+    // A little rounding above 1 is no error.
+    match use_ {
+        Use::Reflectance if color.min_element() < 0.0 || color.max_element() > 1.001 => {
+            Err(element.error(format!("the reflectance {color} does not lie in [0, 1]")))
+        }
+        Use::Reflectance => Ok(color.min(Vec3::ONE)),
+        Use::Radiance if color.min_element() < 0.0 => {
+            Err(element.error(format!("the light's colour {color} is negative")))
+        }
+        Use::Radiance | Use::Unbounded => Ok(color),
     }
-    Ok(color)
 }
 
 fn triple(element: &Element) -> Result<Vec3, LoadError> {
@@ -213,4 +220,51 @@ fn d65(nm: f64) -> f64 {
     let t = ((nm - 360.0) / 10.0).clamp(0.0, 41.999);
     let i = t as usize;
     TABLE[i] + (TABLE[i + 1] - TABLE[i]) * (t - i as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_constant_reflectance_is_its_own_grey() {
+        let rgb = integrate(&[[360.0, 0.3], [830.0, 0.3]], Use::Reflectance);
+        assert!((rgb - 0.3).abs().max_element() < 1e-6, "{rgb}");
+    }
+
+    #[test]
+    fn a_constant_light_has_its_own_luminance() {
+        let rgb = integrate(&[[360.0, 2.0], [830.0, 2.0]], Use::Radiance);
+        // Equal-energy white in linear Rec. 709.
+        assert!((rgb - Vec3::new(2.41, 1.897, 1.817)).abs().max_element() < 0.01, "{rgb}");
+        assert!((super::super::textures::luminance(rgb.to_array()) - 2.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn the_cornell_box_is_as_red_as_in_mitsuba() {
+        // Every 20 nm from 400: the left wall as measured at Cornell.
+        let values =
+            [0.04, 0.05, 0.059, 0.062, 0.06, 0.058, 0.057, 0.059, 0.067, 0.09, 0.287, 0.513, 0.609, 0.65, 0.642, 0.642];
+        let pairs: Vec<[f64; 2]> = values.iter().enumerate().map(|(i, &v)| [400.0 + 20.0 * i as f64, v]).collect();
+        // Mitsuba's own Cornell box gives these for equal-energy light.
+        let expected = Vec3::new(0.570_068, 0.043_013_5, 0.044_370_6);
+        let rgb = integrate(&pairs, Use::Unbounded);
+        assert!((rgb - expected).abs().max_element() < 0.02, "{rgb}, not {expected}");
+        // White light is no longer reddish.
+        assert!(integrate(&pairs, Use::Reflectance).x < rgb.x);
+    }
+
+    #[test]
+    fn a_black_body_at_6500_kelvin_is_nearly_white() {
+        let color = |kelvin: f64| {
+            let c2 = 1.438_777e7;
+            let radiance = |nm: f64| 1e15 / (nm.powi(5) * ((c2 / (nm * kelvin)).exp() - 1.0));
+            let pairs: Vec<[f64; 2]> = (36..=83).map(|i| 10.0 * f64::from(i)).map(|nm| [nm, radiance(nm)]).collect();
+            integrate(&pairs, Use::Radiance)
+        };
+        let white = color(6500.0) / color(6500.0).y;
+        assert!((white - 1.0).abs().max_element() < 0.06, "{white}");
+        let warm = color(2700.0);
+        assert!(warm.x > 2.0 * warm.z, "{warm}");
+    }
 }

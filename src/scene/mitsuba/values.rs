@@ -52,8 +52,7 @@ impl<'a> Plugin<'a> {
 
     /// All nested plugins of a kind, such as `bsdf`, whatever their names.
     pub fn nested(&self, tag: &str) -> Vec<&'a Element> {
-        let children = self.children.iter().filter(|c| c.target.tag == tag);
-        children.inspect(|c| c.used.set(true)).map(|c| c.target).collect()
+        self.named(tag).into_iter().map(|(_, element)| element).collect()
     }
 
     /// The only nested plugin of a kind.
@@ -63,6 +62,12 @@ impl<'a> Plugin<'a> {
             [one] => Ok(Some(one)),
             [..] => Err(self.element.error(format!("{} has more than one <{tag}>", self.element.title()))),
         }
+    }
+
+    /// Nested plugins of a kind with the names of their parameters as written.
+    pub fn named(&self, tag: &str) -> Vec<(Option<&'a str>, &'a Element)> {
+        let children = self.children.iter().filter(|c| c.target.tag == tag);
+        children.inspect(|c| c.used.set(true)).map(|c| (c.here.attribute("name"), c.target)).collect()
     }
 
     /// Marks parameters as known to have no effect here.

@@ -13,6 +13,8 @@ use crate::scene::LoadError;
 const MAX_DEPTH: usize = 64;
 /// Files that one scene may include, counted each time.
 const MAX_INCLUDES: usize = 1000;
+/// Bytes that an attribute may have after substitution; parameters made of parameters grow exponentially.
+const MAX_VALUE: usize = 1 << 20;
 /// Elements that one scene may have.
 const MAX_ELEMENTS: usize = 1 << 22;
 
@@ -208,6 +210,9 @@ impl Reader {
                 return Err(format!("the parameter `${name}` has no value; give it one with <default>"));
             };
             out.push_str(value);
+            if out.len() > MAX_VALUE {
+                return Err(format!("the value grows beyond {MAX_VALUE} bytes"));
+            }
             rest = &rest[name.len()..];
         }
         out.push_str(rest);

@@ -1,0 +1,97 @@
+//! The command line: `render`, `compare`, `plan`, `scenes`.
+//!
+//! Exit codes: 0 done; 1 a threshold of `compare` is exceeded; 2 an error, printed once on stderr as `error: ...`.
+//! Results go to stdout or to the files asked for; warnings, progress and the closing line go to stderr.
+
+mod compare;
+mod output;
+mod render;
+mod view;
+
+use std::process::ExitCode;
+
+use anyhow::{Result, bail};
+use clap::{Parser, Subcommand};
+
+use lightsheaf::gpu::Gpu;
+use lightsheaf::plan::FramePlan;
+use lightsheaf::scene::{self, Geometry, SceneStats};
+use lightsheaf::settings::Method;
+
+use view::ViewArgs;
+
+/// Global illumination by rasterization alone
+///
+/// Raster bidirectional path tracing on any GPU, with or without ray tracing, and a CPU path tracer that judges it.
+#[derive(Parser)]
+#[command(version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded, 2 an error.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render a scene to an image
+    Render(Box<render::RenderArgs>),
+    /// Say how far an image is from a reference, on linear RGB
+    Compare(compare::CompareArgs),
+    /// Print what a render would do, pass by pass with the reason, without rendering
+    Plan(Box<PlanArgs>),
+    /// List the scenes that need no file, and the kinds of files that are read
+    Scenes,
+}
+
+#[derive(clap::Args)]
+struct PlanArgs {
+    #[command(flatten)]
+    view: ViewArgs,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Parses the arguments and runs the command.
+pub fn run() -> ExitCode {
+    // Errors are printed here and once; RUST_LOG shows what the libraries say beside them.
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).init();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(e) => {
+            // Nothing is left to do where the terminal is gone.
+            let _ = e.print();
+            return ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(2));
+        }
+    };
+    let done = match cli.command {
+        Command::Render(args) => render::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Compare(args) => compare::run(&args),
+        Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),
+        Command::Scenes => scenes().map(|()| ExitCode::SUCCESS),
+    };
+    done.unwrap_or_else(|e| {
+        eprintln!("error: {e:#}");
+        ExitCode::from(2)
+    })
+}
+
+fn plan(args: &PlanArgs) -> Result<()> {
+    if args.view.settings.method != Method::Raster {
+        bail!("--method {}: only raster has a plan", args.view.settings.method);
+    }
+    let (scene, settings) = args.view.load()?;
+    let gpu = Gpu::new()?;
+    let stats = SceneStats::new(&scene, &Geometry::new(&scene));
+    let plan = FramePlan::new(&stats, &settings, &gpu.capabilities);
+    output::print(&if args.json { serde_json::to_string_pretty(&plan)? } else { plan.to_string() })
+}
+
+fn scenes() -> Result<()> {
+    let mut lines: Vec<_> =
+        scene::builtin::names().map(|(name, about)| format!("{:<26}{about}", format!("builtin:{name}"))).collect();
+    lines.push(format!("{:<26}{}", "PATH.gltf, PATH.glb", "glTF 2.0, data embedded or in files beside it"));
+    lines.push(format!("{:<26}{}", "PATH.xml", "Mitsuba 0.5, 0.6, 2 and 3"));
+    output::print(&lines.join("\n"))
+}

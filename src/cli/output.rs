@@ -1,0 +1,54 @@
+//! Files and lines that a command writes: checked before the work, whole or not at all.
+
+use std::ffi::OsString;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+
+/// Prints to stdout. A reader that has read enough is no error.
+pub fn print(text: &str) -> Result<()> {
+    match writeln!(io::stdout(), "{text}") {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(e).context("stdout cannot be written"),
+        _ => Ok(()),
+    }
+}
+
+/// Checks that a file of one of these kinds can be written there, leaving what is there as it is.
+pub fn check(path: &Path, extensions: &[&str]) -> Result<()> {
+    let shown = path.display();
+    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if !extensions.contains(&extension.as_str()) {
+        let endings: Vec<_> = extensions.iter().map(|e| format!(".{e}")).collect();
+        bail!("{shown}: unknown kind of output; end the name in {}", endings.join(" or "));
+    }
+    if path.is_dir() {
+        bail!("{shown}: is a folder; name a file in it");
+    }
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() {
+        bail!("{shown}: the folder {} does not exist; create it first", folder.display());
+    }
+    let part = part_of(path);
+    std::fs::write(&part, []).with_context(|| format!("{shown}: the folder {} cannot be written", folder.display()))?;
+    std::fs::remove_file(&part).with_context(|| format!("{} cannot be removed", part.display()))
+}
+
+/// Writes a text file under another name first, so that it is never there in part.
+pub fn write(path: &Path, text: &str) -> Result<()> {
+    let part = part_of(path);
+    std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path)).or_else(|e| {
+        let _ = std::fs::remove_file(&part);
+        Err(e).with_context(|| format!("{}: cannot be written", path.display()))
+    })
+}
+
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.part", std::process::id()));
+    path.with_file_name(name)
+}

@@ -1,0 +1,362 @@
+//! `render`: a scene to an image, for a number of samples or for a time.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Result, bail};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use lightsheaf::film::Film;
+use lightsheaf::gpu::{Gpu, PassTime};
+use lightsheaf::plan::FramePlan;
+use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::renderer::Renderer;
+use lightsheaf::scene::Scene;
+use lightsheaf::settings::{Method, SAMPLES, Settings, UNLIMITED};
+
+use super::output;
+use super::view::ViewArgs;
+
+/// Most iterations of `raster` between two looks at the clock.
+const ROUND: u64 = 8;
+
+#[derive(clap::Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    view: ViewArgs,
+    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB, clipped)
+    #[arg(short, long, value_name = "OUT.exr|.png")]
+    output: PathBuf,
+    /// Brighten a .png by this many stops: values are multiplied by 2^STOPS
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
+    exposure: Option<f32>,
+    /// Write counts, times, settings and the plan as JSON
+    #[arg(long, value_name = "OUT.json")]
+    stats: Option<PathBuf>,
+    /// Neither progress nor closing line; warnings and errors stay
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// The file that `--stats` writes.
+#[derive(serde::Serialize)]
+struct Stats<'a> {
+    version: &'static str,
+    scene: &'a str,
+    device: String,
+    method: Method,
+    size: [u32; 2],
+    /// Samples in the picture: with a budget, as many as there was time for.
+    samples: u64,
+    seconds: Seconds,
+    passes: BTreeMap<&'static str, PassTime>,
+    /// Bytes on the device beside the scene.
+    bytes: u64,
+    scene_bytes: u64,
+    non_finite: u64,
+    lost_nodes: u64,
+    /// Iterations that were redone with more room.
+    redone: u64,
+    demands: Vec<Demand>,
+    /// Rays that the reference traced.
+    rays: u64,
+    plan: Option<&'a FramePlan>,
+    warnings: &'a [String],
+    settings: &'a Settings,
+}
+
+#[derive(Clone, Copy, Default, serde::Serialize)]
+struct Seconds {
+    load: f64,
+    /// Device, upload and pipelines; the hierarchy of the reference.
+    setup: f64,
+    render: f64,
+}
+
+/// The most that a view wanted in an iteration.
+#[derive(serde::Serialize)]
+struct Demand {
+    view: String,
+    resolution: u32,
+    items: u32,
+    nodes: u32,
+}
+
+/// Renders and writes what was asked for.
+pub fn run(args: &RenderArgs) -> Result<()> {
+    let exposure = check_outputs(args)?;
+    let began = Instant::now();
+    let (scene, settings) = args.view.load()?;
+    let load = began.elapsed().as_secs_f64();
+    let job = Job { args, exposure, load, scene: &scene, settings: &settings };
+    match settings.method {
+        Method::Raster => job.raster(),
+        Method::Reference => job.reference(),
+    }
+}
+
+/// Everything about the output that can be wrong before there is one; returns the factor of the exposure.
+fn check_outputs(args: &RenderArgs) -> Result<f32> {
+    output::check(&args.output, &["exr", "png"])?;
+    if let Some(stats) = &args.stats {
+        output::check(stats, &["json"])?;
+    }
+    match args.exposure {
+        None => Ok(1.0),
+        Some(stops) if !(-32.0..=32.0).contains(&stops) => bail!("--exposure {stops}: has to be -32 to 32 stops"),
+        Some(_) if args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) => {
+            bail!("--exposure: {} keeps linear radiance; write a .png, or leave it out", args.output.display())
+        }
+        Some(stops) => Ok(stops.exp2()),
+    }
+}
+
+struct Job<'a> {
+    args: &'a RenderArgs,
+    exposure: f32,
+    load: f64,
+    scene: &'a Scene,
+    settings: &'a Settings,
+}
+
+impl Job<'_> {
+    fn raster(&self) -> Result<()> {
+        let began = Instant::now();
+        let gpu = Gpu::new()?;
+        let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
+        let setup = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let bar = self.bar(self.settings.samples.into());
+        match self.settings.budget {
+            None => renderer.render(self.settings.samples.into(), &mut |samples| {
+                bar.set_position(samples);
+                true
+            })?,
+            Some(seconds) => {
+                let clock = Clock::new(seconds);
+                let mut samples = 0;
+                while let Some(round) = clock.next_round(samples, ROUND) {
+                    renderer.render(round, &mut |_| true)?;
+                    samples += round;
+                    show_budget(&bar, clock.began, samples);
+                }
+            }
+        }
+        let film = renderer.film()?;
+        bar.finish_and_clear();
+        let render = began.elapsed().as_secs_f64();
+
+        let stats = renderer.stats();
+        let plan = renderer.plan();
+        let demands = stats.demands.iter().zip(plan.views()).enumerate();
+        let stats = Stats {
+            device: gpu.capabilities.adapter.clone(),
+            samples: stats.samples,
+            seconds: Seconds { load: self.load, setup, render },
+            bytes: stats.bytes,
+            scene_bytes: stats.scene_bytes,
+            non_finite: stats.non_finite,
+            lost_nodes: stats.lost_nodes,
+            redone: stats.redone,
+            demands: demands
+                .map(|(i, (&[items, nodes], (resolution, _)))| Demand {
+                    view: view_name(i, plan.light_vertices as usize),
+                    resolution,
+                    items,
+                    nodes,
+                })
+                .collect(),
+            passes: stats.passes,
+            plan: Some(plan),
+            ..self.empty_stats()
+        };
+        self.finish(&film, &stats)
+    }
+
+    fn reference(&self) -> Result<()> {
+        let began = Instant::now();
+        let reference = Reference::new(self.scene);
+        let setup = began.elapsed().as_secs_f64();
+
+        let began = Instant::now();
+        let Settings { width, height, samples, seed, camera, .. } = *self.settings;
+        let bounces = Some(self.settings.bounces).filter(|&b| b != UNLIMITED);
+        let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
+        let bar = self.bar(u64::from(width) * u64::from(height));
+        let (film, samples, non_finite, rays) = match self.settings.budget {
+            None => {
+                bar.set_message(format!("{samples} samples per pixel"));
+                let output = reference.render(&settings, &|pixels, _| bar.set_position(pixels));
+                (output.film, samples.into(), output.non_finite, output.rays)
+            }
+            Some(seconds) => render_rounds(&reference, settings, seconds, &bar),
+        };
+        bar.finish_and_clear();
+        let render = began.elapsed().as_secs_f64();
+
+        let stats = Stats {
+            device: format!("CPU, {} threads", rayon::current_num_threads()),
+            samples,
+            seconds: Seconds { load: self.load, setup, render },
+            non_finite,
+            rays,
+            ..self.empty_stats()
+        };
+        self.finish(&film, &stats)
+    }
+
+    fn empty_stats(&self) -> Stats<'_> {
+        Stats {
+            version: env!("CARGO_PKG_VERSION"),
+            scene: &self.scene.name,
+            device: String::new(),
+            method: self.settings.method,
+            size: [self.settings.width, self.settings.height],
+            samples: 0,
+            seconds: Seconds::default(),
+            passes: BTreeMap::new(),
+            bytes: 0,
+            scene_bytes: 0,
+            non_finite: 0,
+            lost_nodes: 0,
+            redone: 0,
+            demands: Vec::new(),
+            rays: 0,
+            plan: None,
+            warnings: &self.scene.warnings,
+            settings: self.settings,
+        }
+    }
+
+    /// A progress bar on a terminal, and nothing elsewhere.
+    fn bar(&self, total: u64) -> ProgressBar {
+        if self.args.quiet {
+            return ProgressBar::hidden();
+        }
+        let (total, template) = match (self.settings.budget, self.settings.method) {
+            (Some(seconds), _) => ((seconds * 1000.0) as u64, "{bar:40} {msg}, {elapsed} of the budget"),
+            (None, Method::Raster) => (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left"),
+            (None, Method::Reference) => (total, "{bar:40} {percent} % of the pixels, {msg}, {eta} left"),
+        };
+        let bar = ProgressBar::new(total);
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar
+    }
+
+    fn finish(&self, film: &Film, stats: &Stats) -> Result<()> {
+        if stats.non_finite > 0 {
+            eprintln!("warning: {} values are not finite; please report the scene and the settings", stats.non_finite);
+        }
+        let path: &Path = &self.args.output;
+        film.save_exposed(path, self.exposure)?;
+        if let Some(path) = &self.args.stats {
+            output::write(path, &(serde_json::to_string_pretty(stats)? + "\n"))?;
+        }
+        if !self.args.quiet {
+            let Seconds { load, setup, render } = stats.seconds;
+            eprintln!(
+                "{}: {}x{}, {} samples by {} on {}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
+                path.display(),
+                film.width,
+                film.height,
+                stats.samples,
+                stats.method,
+                stats.device
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Views come around the light, around the VPLs, then the bundles.
+fn view_name(index: usize, light_vertices: usize) -> String {
+    match index {
+        0 if light_vertices > 0 => "light".to_owned(),
+        i if i < light_vertices => format!("vpl {i}"),
+        i => format!("bundle {}", i - light_vertices + 1),
+    }
+}
+
+/// Rounds of the reference, each with a seed of its own, until the time is used; the image is their mean.
+fn render_rounds(
+    reference: &Reference,
+    settings: ReferenceSettings,
+    seconds: f64,
+    bar: &ProgressBar,
+) -> (Film, u64, u64, u64) {
+    let clock = Clock::new(seconds);
+    let mut sum = vec![[0.0_f64; 3]; settings.width as usize * settings.height as usize];
+    let (mut samples, mut non_finite, mut rays) = (0, 0, 0);
+    let mut seed = settings.seed;
+    // Each round at most doubles what there is: early rounds show the rate, late ones are stratified well.
+    while let Some(round) = clock.next_round(samples, samples.max(1)) {
+        // The largest power of two, which the sampler stratifies best.
+        let round = 1_u64 << round.ilog2();
+        let settings = ReferenceSettings { samples: round as u32, seed, ..settings };
+        let output = reference.render(&settings, &|_, _| show_budget(bar, clock.began, samples));
+        for (sum, pixel) in sum.iter_mut().zip(&output.film.pixels) {
+            (0..3).for_each(|c| sum[c] += f64::from(pixel[c]) * round as f64);
+        }
+        samples += round;
+        non_finite += output.non_finite;
+        rays += output.rays;
+        // The golden ratio: seeds of later rounds are no neighbours, and are not met by small seeds of other runs.
+        seed = seed.wrapping_add(0x9e37_79b9);
+    }
+    let pixels = sum.iter().map(|s| s.map(|v| (v / samples as f64) as f32)).collect();
+    (Film { width: settings.width, height: settings.height, pixels }, samples, non_finite, rays)
+}
+
+fn show_budget(bar: &ProgressBar, began: Instant, samples: u64) {
+    bar.set_position(began.elapsed().as_millis() as u64);
+    bar.set_message(format!("{samples} samples"));
+}
+
+/// Deals out a budget.
+struct Clock {
+    began: Instant,
+    budget: Duration,
+}
+
+impl Clock {
+    fn new(seconds: f64) -> Self {
+        Self { began: Instant::now(), budget: Duration::from_secs_f64(seconds) }
+    }
+
+    /// Samples that fit into what is left at the rate so far, at most `most`; the first is free. None: the time is used.
+    fn next_round(&self, done: u64, most: u64) -> Option<u64> {
+        let room = u64::from(*SAMPLES.end()).saturating_sub(done);
+        if done == 0 {
+            return Some(1);
+        }
+        let used = self.began.elapsed();
+        let left = self.budget.saturating_sub(used).as_secs_f64();
+        let fit = (left * done as f64 / used.as_secs_f64().max(1e-9)) as u64;
+        Some(fit.min(most).min(room)).filter(|&round| round > 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_deals_out_rounds_until_it_is_used() {
+        let clock = Clock::new(1000.0);
+        assert_eq!(clock.next_round(0, 8), Some(1), "one sample at least");
+        assert_eq!(clock.next_round(100, 8), Some(8));
+        assert_eq!(clock.next_round((*SAMPLES.end()).into(), 8), None, "no more than the range allows");
+        let used = Clock { began: Instant::now(), budget: Duration::ZERO };
+        assert_eq!(used.next_round(0, 8), Some(1));
+        assert_eq!(used.next_round(1, 8), None);
+    }
+
+    #[test]
+    fn views_are_named_in_the_plan_s_order() {
+        let names: Vec<_> = (0..5).map(|i| view_name(i, 3)).collect();
+        assert_eq!(names, ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2"]);
+        assert_eq!(view_name(0, 0), "bundle 1");
+    }
+}

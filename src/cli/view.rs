@@ -1,0 +1,115 @@
+//! What `render` and `plan` share: which scene, seen from where, with which settings.
+
+use anyhow::{Result, bail};
+use glam::Vec3;
+
+use lightsheaf::scene::{self, FovAxis, Projection, Scene};
+use lightsheaf::settings::Settings;
+
+/// Scene, camera and settings.
+#[derive(clap::Args)]
+pub struct ViewArgs {
+    /// A .gltf, .glb or Mitsuba .xml file, or builtin:NAME (see `lightsheaf scenes`)
+    pub scene: String,
+    /// Columns and rows of the image [default: the camera's film size if the scene has one, otherwise 512x512]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<(u32, u32)>,
+    #[command(flatten)]
+    pub settings: Settings,
+    /// A camera of the scene by its name or its index from 0 [default: the first]
+    #[arg(long, value_name = "NAME-OR-INDEX", help_heading = CAMERA)]
+    pub camera: Option<String>,
+    /// Stand here instead, in metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "target", help_heading = CAMERA)]
+    pub eye: Option<Vec3>,
+    /// Look here from --eye, with +Y up
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
+    pub target: Option<Vec3>,
+    /// Full angle of view along the image's shorter side [default: the camera's own]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = CAMERA)]
+    pub fov: Option<f32>,
+}
+
+const CAMERA: &str = "Camera";
+
+impl ViewArgs {
+    /// Loads the scene, says its warnings, and completes the settings from it.
+    pub fn load(&self) -> Result<(Scene, Settings)> {
+        let mut settings = self.settings.clone();
+        if let Some(size) = self.size {
+            (settings.width, settings.height) = size;
+        }
+        // Before a large scene is loaded for nothing.
+        settings.check()?;
+        let mut scene = scene::load(&self.scene)?;
+        for warning in &scene.warnings {
+            eprintln!("warning: {warning}");
+        }
+        settings.camera = self.pick_camera(&scene)?;
+        self.place_camera(&mut scene, settings.camera)?;
+        if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
+            (settings.width, settings.height) = size;
+        }
+        settings.check()?;
+        Ok((scene, settings))
+    }
+
+    fn pick_camera(&self, scene: &Scene) -> Result<usize> {
+        let Some(wanted) = &self.camera else { return Ok(0) };
+        let named = scene.cameras.iter().position(|c| c.name == *wanted);
+        let numbered = || wanted.parse().ok().filter(|&i: &usize| i < scene.cameras.len());
+        if let Some(index) = named.or_else(numbered) {
+            return Ok(index);
+        }
+        let known: Vec<_> = scene.cameras.iter().enumerate().map(|(i, c)| format!("{i} `{}`", c.name)).collect();
+        bail!("--camera {wanted}: is not in the scene, which has {}", known.join(", "));
+    }
+
+    fn place_camera(&self, scene: &mut Scene, index: usize) -> Result<()> {
+        let camera = &mut scene.cameras[index];
+        if let (Some(eye), Some(target)) = (self.eye, self.target) {
+            let Some(moved) = camera.clone().looking(eye, target) else {
+                bail!("--eye {eye} --target {target}: there has to be some distance between them");
+            };
+            *camera = moved;
+        }
+        if let Some(degrees) = self.fov {
+            if !(0.01..180.0).contains(&degrees) {
+                bail!("--fov {degrees}: has to be at least 0.01 and below 180 degrees");
+            }
+            camera.projection = Projection::Perspective { fov: degrees.to_radians(), axis: FovAxis::Smaller };
+        }
+        Ok(())
+    }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), &'static str> {
+    let size = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    size.ok_or("a size is columns x rows, such as 640x360")
+}
+
+fn parse_point(text: &str) -> Result<Vec3, &'static str> {
+    let numbers: Option<Vec<f32>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f32| n.is_finite())).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, z]) => Ok(Vec3::new(x, y, z)),
+        _ => Err("a point is three numbers with commas between them, such as 0,1.5,-3"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_points_are_parsed() {
+        assert_eq!(parse_size("640x360"), Ok((640, 360)));
+        for bad in ["", "640", "640x", "x360", "-1x2", "1.5x2", "640x360x2", "640X360"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_point("0, 1.5,-3e1"), Ok(Vec3::new(0.0, 1.5, -30.0)));
+        for bad in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,nan", "inf,0,0"] {
+            assert!(parse_point(bad).is_err(), "{bad}");
+        }
+    }
+}

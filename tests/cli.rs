@@ -1,0 +1,376 @@
+//! The program itself: what it prints, what it writes, and its exit codes.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use lightsheaf::film::Film;
+use serde_json::Value;
+
+mod common;
+
+/// A folder of its own for a test, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("lightsheaf-cli-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().to_owned()
+    }
+
+    fn files(&self) -> Vec<String> {
+        let mut files: Vec<String> = std::fs::read_dir(&self.0)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        files.sort();
+        files
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_lightsheaf")).args(arguments).env_remove("RUST_LOG").output().unwrap()
+}
+
+fn stdout(output: &Output) -> &str {
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+/// Stdout of a run that has to succeed.
+fn succeed(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
+    stdout(&output).to_owned()
+}
+
+/// A run that has to end in one error that names `what`, with code 2 and nothing on stdout.
+fn fail(arguments: &[&str], what: &str) {
+    let output = run(arguments);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr(&output));
+    let text = stderr(&output);
+    assert_eq!(text.matches("error: ").count(), 1, "{arguments:?}: {text}");
+    assert!(text.contains(what), "{arguments:?}: `{what}` is not in: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+    assert_eq!(stdout(&output), "", "{arguments:?}");
+}
+
+/// The least work that is a picture: 64x64, 4 samples.
+fn render(output: &str, more: &[&str]) -> Output {
+    let small = ["render", "builtin:cornell_point", "-o", output, "--size", "64x64", "--samples", "4"];
+    run(&[&small, more].concat())
+}
+
+fn rendered(output: &str, more: &[&str]) -> Vec<u8> {
+    let result = render(output, more);
+    assert_eq!(result.status.code(), Some(0), "{}", stderr(&result));
+    assert_eq!(stdout(&result), "");
+    std::fs::read(output).unwrap()
+}
+
+#[test]
+fn help_and_version() {
+    let help = succeed(&["--help"]);
+    for command in ["render", "compare", "plan", "scenes"] {
+        assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command} is not in: {help}");
+        assert!(succeed(&[command, "--help"]).contains("Usage: lightsheaf"));
+    }
+    assert_eq!(succeed(&["--version"]).trim(), format!("lightsheaf {}", env!("CARGO_PKG_VERSION")));
+}
+
+/// Every option that the README shows exists.
+#[test]
+fn readme_shows_real_options() {
+    let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
+    let help: String = ["render", "compare", "plan", "scenes"].map(|command| succeed(&[command, "--help"])).concat();
+    let known = |option: &str| help.split([' ', ',', '\n', '`']).any(|word| word == option);
+    let is_option = |word: &&str| word.starts_with("--") && word.len() > 2;
+    let shown: Vec<&str> = readme.split([' ', ',', '\n', '`', '[', ']', '=']).filter(is_option).collect();
+    assert!(shown.len() > 15, "{shown:?}");
+    let unknown: Vec<_> = shown.into_iter().filter(|option| !known(option)).collect();
+    assert!(unknown.is_empty(), "{unknown:?}");
+    assert!(!known("--no-such-option"));
+}
+
+#[test]
+fn scenes_lists_scenes_and_kinds_of_files() {
+    let list = succeed(&["scenes"]);
+    assert!(lightsheaf::scene::builtin::names().count() > 3);
+    for (name, about) in lightsheaf::scene::builtin::names() {
+        assert!(list.lines().any(|l| l.contains(&format!("builtin:{name}")) && l.contains(about)), "{name}: {list}");
+    }
+    for kind in [".gltf", ".glb", ".xml"] {
+        assert!(list.contains(kind), "{list}");
+    }
+}
+
+#[test]
+fn bad_usage_and_scenes_are_one_error() {
+    let folder = Folder::new("scenes");
+    let out = folder.path("out.exr");
+    fail(&["render"], "--output");
+    fail(&["render", "builtin:cornell_point", "-o", &out, "--no-such-option"], "--no-such-option");
+    fail(&["render", "builtin:nothing", "-o", &out], "cornell_point");
+    fail(&["render", &folder.path("missing.gltf"), "-o", &out], "missing.gltf");
+    fail(&["render", "scene.blend", "-o", &out], ".gltf, .glb, .xml");
+    let broken = folder.path("broken.xml");
+    std::fs::write(&broken, "<scene version=\"3.0.0\">\n  <shape type=\"obj\">\n</scene>").unwrap();
+    fail(&["render", &broken, "-o", &out], "line 3");
+    assert_eq!(folder.files(), ["broken.xml"]);
+}
+
+#[test]
+fn bad_outputs_are_found_before_the_scene_is_loaded() {
+    let folder = Folder::new("outputs");
+    // If this were loaded first, the error would be about it.
+    let scene = folder.path("missing.gltf");
+    let [file, jpg] = ["file", "out.jpg"].map(|name| folder.path(name));
+    std::fs::write(&file, "").unwrap();
+    fail(&["render", &scene, "-o", &jpg], ".exr or .png");
+    fail(&["render", &scene, "-o", "noextension"], ".exr or .png");
+    fail(&["render", &scene, "-o", &folder.path("none/out.exr")], "does not exist");
+    fail(&["render", &scene, "-o", &folder.path("file/out.exr")], "does not exist");
+    let out = folder.path("out.exr");
+    fail(&["render", &scene, "-o", &out, "--stats", &folder.path("none/out.json")], "does not exist");
+    fail(&["render", &scene, "-o", &out, "--stats", &folder.path("out.txt")], ".json");
+    fail(&["render", &scene, "-o", &out, "--exposure", "1"], "--exposure");
+    fail(&["render", &scene, "-o", &folder.path("out.png"), "--exposure", "99"], "--exposure 99");
+    std::fs::create_dir(folder.path("folder.exr")).unwrap();
+    fail(&["render", &scene, "-o", &folder.path("folder.exr")], "is a folder");
+    // A folder in which nobody creates files.
+    if Path::new("/proc/self").is_dir() {
+        fail(&["render", &scene, "-o", "/proc/out.exr"], "cannot be written");
+    }
+    assert_eq!(folder.files(), ["file", "folder.exr"]);
+}
+
+#[test]
+fn bad_values_are_named() {
+    let folder = Folder::new("values");
+    let out = folder.path("out.exr");
+    let bad = |options: &[&str], what: &str| {
+        fail(&[&["render", "builtin:cornell_point", "-o", &out], options].concat(), what);
+    };
+    bad(&["--size", "0x64"], "--size 0x64: each side has to be 1 to 16384");
+    bad(&["--size", "64"], "640x360");
+    bad(&["--size", "99999x2"], "--size 99999x2");
+    bad(&["--samples", "0"], "--samples 0: has to be 1 to");
+    bad(&["--samples", "-1"], "'--samples <N>'");
+    bad(&["--samples", "4", "--budget", "1"], "--budget");
+    bad(&["--budget", "-1"], "--budget -1");
+    bad(&["--bounces", "65"], "--bounces 65: has to be 0 to 64");
+    bad(&["--bounces", "unlimited"], "raster needs a number");
+    bad(&["--bounces", "many"], "neither a whole number nor `unlimited`");
+    bad(&["--method", "guess"], "raster, reference");
+    bad(&["--bundle-resolution", "8"], "--bundle-resolution 8: has to be 16 to 2048");
+    bad(&["--light-resolution", "4096"], "--light-resolution 4096");
+    bad(&["--vpl-resolution", "1"], "--vpl-resolution 1");
+    bad(&["--beta", "nan"], "--beta NaN");
+    bad(&["--camera", "7"], "has 0 `camera`");
+    bad(&["--eye", "1,2,3"], "--target");
+    bad(&["--eye", "1,2", "--target", "0,0,0"], "three numbers");
+    bad(&["--eye", "1,2,3", "--target", "1,2,3"], "distance");
+    bad(&["--fov", "180"], "--fov 180");
+    bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
+    assert!(folder.files().is_empty());
+}
+
+#[test]
+fn raster_renders_exr_png_and_stats() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("raster");
+    let [exr, png, json] = ["out.exr", "out.png", "out.json"].map(|name| folder.path(name));
+    rendered(&exr, &["--stats", &json, "--quiet"]);
+    rendered(&png, &["--exposure", "-1"]);
+    assert_eq!(folder.files(), ["out.exr", "out.json", "out.png"], "nothing half-written is left");
+
+    let film = Film::load(&exr).unwrap();
+    assert_eq!((film.width, film.height, film.non_finite()), (64, 64, 0));
+    let mean = |film: &Film| film.pixels.iter().flatten().sum::<f32>() / (film.pixels.len() * 3) as f32;
+    assert!(mean(&film) > 0.01, "{}", mean(&film));
+    // The picture at half exposure, to half a step of eight bits in the bright end and clipping.
+    let dark = Film::load(&png).unwrap();
+    let expected = Film { pixels: film.pixels.iter().map(|p| p.map(|v| (0.5 * v).min(1.0))).collect(), ..film };
+    assert!((mean(&dark) / mean(&expected) - 1.0).abs() < 0.01, "{} {}", mean(&dark), mean(&expected));
+
+    let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(stats["method"], "raster");
+    assert_eq!(stats["size"], serde_json::json!([64, 64]));
+    assert_eq!(stats["samples"], 4);
+    assert_eq!(stats["non_finite"], 0);
+    assert_eq!(stats["lost_nodes"], 0);
+    assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));
+    assert_eq!(stats["settings"]["bounces"], 2);
+    assert_eq!(stats["scene"], "builtin:cornell_point");
+    assert!(stats["device"].as_str().is_some_and(|d| !d.is_empty()));
+    assert!(stats["redone"].is_u64() && stats["warnings"].is_array());
+    for phase in ["load", "setup", "render"] {
+        assert!(stats["seconds"][phase].as_f64().is_some_and(|s| s >= 0.0), "{phase}");
+    }
+    assert!(stats["bytes"].as_u64() > Some(64 * 64 * 16) && stats["scene_bytes"].as_u64() > Some(0));
+    let demands = stats["demands"].as_array().unwrap();
+    assert_eq!(demands[0]["view"], "light");
+    assert!(demands.iter().any(|d| d["nodes"].as_u64() > Some(0) && d["items"].as_u64() > Some(0)), "{demands:?}");
+    // Passes that the plan runs are the ones that were timed.
+    let planned = stats["plan"]["passes"].as_array().unwrap();
+    assert!(planned.len() > 5);
+    if common::gpu().is_some_and(|gpu| gpu.capabilities.timestamps) {
+        let passes = stats["passes"].as_object().unwrap();
+        assert!(passes.values().all(|p| p["runs"].as_u64() > Some(0) && p["gpu_millis"].is_number()), "{passes:?}");
+        for pass in planned.iter().filter(|pass| pass["runs"].as_u64() > Some(0)) {
+            let name = pass["name"].as_str().unwrap();
+            assert!(passes.keys().any(|timed| timed.starts_with(name)), "{name} is not among {passes:?}");
+        }
+    }
+}
+
+#[test]
+fn the_seed_decides_every_byte() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("seed");
+    let [a, b, c] = ["a.exr", "b.exr", "c.exr"].map(|name| folder.path(name));
+    let first = rendered(&a, &[]);
+    assert!(first == rendered(&b, &[]), "the same seed gives other bytes");
+    assert!(first != rendered(&c, &["--seed", "2"]), "another seed gives the same bytes");
+
+    // And these files are what `compare` tells apart.
+    let same: Value = serde_json::from_str(&succeed(&["compare", &b, &a, "--json", "--max-rel-mse", "0"])).unwrap();
+    for figure in ["mse", "rel_mse", "mean_bias", "p999", "flip", "non_finite"] {
+        assert_eq!(same[figure].as_f64(), Some(0.0), "{figure}");
+    }
+    let other = run(&["compare", &c, &a, "--max-rel-mse", "1e-9"]);
+    assert_eq!(other.status.code(), Some(1), "{}", stderr(&other));
+    assert!(stderr(&other).contains("rel_mse"), "{}", stderr(&other));
+}
+
+#[test]
+fn closing_line_and_warnings() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("closing");
+    let out = folder.path("out.exr");
+    let loud = render(&out, &[]);
+    let text = stderr(&loud);
+    assert_eq!(text.lines().count(), 1, "{text}");
+    for part in [out.as_str(), "64x64", "load", "setup", "render"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    assert_eq!(stderr(&render(&out, &["--quiet"])), "");
+
+    // A quad without camera and light gets both, and each is said once.
+    let bare = folder.path("bare.xml");
+    std::fs::write(&bare, "<scene version=\"3.0.0\"><shape type=\"rectangle\"/></scene>").unwrap();
+    let result = run(&["render", &bare, "-o", &out, "--size", "16x16", "--samples", "1", "--quiet"]);
+    assert_eq!(result.status.code(), Some(0), "{}", stderr(&result));
+    for what in ["no camera", "no light"] {
+        assert_eq!(stderr(&result).matches(what).count(), 1, "{}", stderr(&result));
+    }
+    assert!(stderr(&result).lines().all(|line| line.starts_with("warning: ")), "{}", stderr(&result));
+}
+
+#[test]
+fn a_budget_ends_the_render() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("budget");
+    let [out, json] = ["out.exr", "out.json"].map(|name| folder.path(name));
+    for method in ["raster", "reference"] {
+        let scene = "builtin:cornell_point";
+        succeed(&[
+            "render", scene, "-o", &out, "--size", "32x32", "--budget", "0.5", "--method", method, "--stats", &json,
+        ]);
+        let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        assert!(stats["samples"].as_u64() >= Some(1), "{method}");
+        assert!(stats["seconds"]["render"].as_f64() < Some(20.0), "{method}");
+        assert_eq!(Film::load(&out).unwrap().non_finite(), 0);
+    }
+}
+
+#[test]
+fn reference_renders_without_a_gpu() {
+    let folder = Folder::new("reference");
+    let [exr, same, json] = ["out.exr", "same.exr", "out.json"].map(|name| folder.path(name));
+    let reference = ["--method", "reference", "--bounces", "unlimited"];
+    let first = rendered(&exr, &[&reference[..], &["--stats", &json]].concat());
+    assert!(first == rendered(&same, &reference));
+    let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(stats["settings"]["bounces"], "unlimited");
+    assert_eq!(stats["non_finite"], 0);
+    assert!(stats["rays"].as_u64() > Some(64 * 64 * 4));
+    assert!(stats["plan"].is_null());
+
+    // Another place to stand is another picture; the scene's own place, given by numbers, is the same one.
+    let moved = ["--eye", "-0.1,1,3", "--target=0,1,0", "--fov", "30"];
+    assert!(first != rendered(&same, &[&reference[..], &moved].concat()));
+    assert!(first == rendered(&same, &[&reference[..], &["--camera", "camera"]].concat()));
+}
+
+#[test]
+fn compare_tells_images_apart() {
+    let folder = Folder::new("compare");
+    let [a, b, other_size, map] = ["a.exr", "b.exr", "size.exr", "map.png"].map(|name| folder.path(name));
+    // r = 0.5, x = 0.51: rel_mse 1e-4 / 0.26, bias 2 %.
+    let gray = |width: u32, value: f32| Film { width, height: 16, pixels: vec![[value; 3]; width as usize * 16] };
+    gray(16, 0.5).save(&a).unwrap();
+    gray(16, 0.51).save(&b).unwrap();
+    gray(8, 0.5).save(&other_size).unwrap();
+
+    let table = succeed(&["compare", &a, &a, "--max-rel-mse", "0", "--max-bias", "0"]);
+    assert!(table.contains("mean_bias") && table.contains("+0.0000 %"), "{table}");
+    let json: Value = serde_json::from_str(&succeed(&["compare", &b, &a, "--json", "--heatmap", &map])).unwrap();
+    assert!((json["rel_mse"].as_f64().unwrap() - 1e-4 / 0.26).abs() < 1e-7, "{json}");
+    assert!((json["mean_bias"].as_f64().unwrap() - 0.02).abs() < 1e-6, "{json}");
+    assert_eq!(Film::load(&map).unwrap().width, 16);
+
+    let limit = |options: &[&str]| run(&[&["compare", &b, &a], options].concat()).status.code();
+    assert_eq!(limit(&["--max-rel-mse", "0.0004", "--max-bias", "0.021"]), Some(0));
+    assert_eq!(limit(&["--max-rel-mse", "0.0003"]), Some(1));
+    assert_eq!(limit(&["--max-bias", "0.019"]), Some(1));
+    fail(&["compare", &b, &a, "--max-bias", "-1"], "--max-bias");
+    fail(&["compare", &other_size, &a], "render one of them at the other's size");
+    fail(&["compare", &folder.path("none.exr"), &a], "none.exr");
+    fail(&["compare", &b, &a, "--heatmap", &folder.path("map.exr")], ".png");
+
+    // An image with a hole is within no threshold.
+    let mut hole = gray(16, 0.5);
+    hole.pixels[3][1] = f32::NAN;
+    hole.save(&b).unwrap();
+    assert_eq!(limit(&["--max-rel-mse", "1e9"]), Some(1));
+}
+
+#[test]
+fn plan_gives_a_reason_for_every_pass() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let text = succeed(&["plan", "builtin:cornell_point"]);
+    for pass in ["gbuffer", "connect", "extend", "accumulate"] {
+        assert!(text.contains(pass), "{text}");
+    }
+    let json: Value = serde_json::from_str(&succeed(&["plan", "builtin:cornell_point", "--json"])).unwrap();
+    let passes = json["passes"].as_array().unwrap();
+    assert!(passes.len() > 5);
+    assert!(passes.iter().all(|p| p["reason"].as_str().is_some_and(|r| !r.is_empty())), "{passes:?}");
+    let direct = succeed(&["plan", "builtin:cornell_point", "--bounces", "0", "--bundle-resolution", "64"]);
+    assert!(direct.contains("skip") && direct.contains("bundles 64^2"), "{direct}");
+    fail(&["plan", "builtin:cornell_point", "--method", "reference"], "only raster");
+}
