@@ -231,7 +231,7 @@ impl World<'_> {
             * cos.abs();
         // Twice the area over the longest edge: the least height.
         let height = n.length() / edges.iter().map(|(p, q)| p.distance(*q)).fold(0.0, f64::max);
-        let rounding = self.rounding() + reach * reach / height * 2.0_f64.powi(-21);
+        let rounding = self.rounding() + reach * reach / height * 2.0_f64.powi(-20);
         Some(Meeting { distance, margin, cos: cos.abs(), rounding })
     }
 
