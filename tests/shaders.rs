@@ -146,9 +146,9 @@ fn every_file_is_embedded() {
 fn planted_errors_are_caught() {
     let good = link("connect", &[]).unwrap();
     validate(&good).unwrap();
-    let renamed = good.replacen("surface_at(", "surface_nowhere(", 1);
+    let renamed = good.replace("sees(z.", "sees_nowhere(z.");
     assert_ne!(good, renamed);
-    assert!(validate(&renamed).unwrap_err().contains("surface_nowhere"), "an unknown name must not parse");
+    assert!(validate(&renamed).unwrap_err().contains("sees_nowhere"), "an unknown name must not parse");
     let mistyped = good.replacen("0.0", "vec2f(0.0)", 1);
     assert_ne!(good, mistyped);
     assert!(validate(&mistyped).is_err(), "a wrong type must not validate");

@@ -30,6 +30,7 @@ modules!(
     "gbuffer",
     "light_subpath",
     "queries",
+    "twins",
     "view_lists",
     "view_setup",
 );

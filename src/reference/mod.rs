@@ -11,13 +11,13 @@ pub mod bsdf;
 pub mod bvh;
 mod camera;
 mod distribution;
-mod environment;
-mod lights;
+pub mod environment;
+pub mod lights;
 pub mod microfacet;
 mod path;
 mod sampler;
-mod surface;
-mod texture;
+pub mod surface;
+pub mod texture;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -1,0 +1,609 @@
+//! Functions of the shaders against the reference's on random inputs: reflection, surfaces, textures, environments, lights.
+//!
+//! Values agree within 1e-3 of the larger one (and 1e-5 absolutely), unit vectors within 1e-4. Some tolerances are wider:
+//! - plastic, 2e-3: the shader takes the fit of the internal reflectance that Mitsuba takes, the reference integrates it;
+//! - what linear textures say, 2e-2 of one: hardware filters with weights of eight bits, and these images are noise;
+//! - lobes narrower than 0.01, 8e-3: a normal's rounding is 1e-4 of such a lobe, and D goes with the fourth power.
+
+mod common;
+
+use bytemuck::{Pod, Zeroable};
+use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3, Vec4};
+use lightsheaf::gpu::{Compute, Gpu, read_back};
+use lightsheaf::gpu_scene::GpuScene;
+use lightsheaf::layouts;
+use lightsheaf::lights::Lights;
+use lightsheaf::reference::bvh::Hit;
+use lightsheaf::reference::environment::Sky;
+use lightsheaf::reference::lights::{Group, Lights as ReferenceLights};
+use lightsheaf::reference::surface::Surfaces;
+use lightsheaf::reference::texture::Textures;
+use lightsheaf::scene::*;
+
+const TOLERANCE: f32 = 1e-3;
+const PLASTIC: f32 = 2e-3;
+const FILTERED: f32 = 2e-2;
+const NARROW: f32 = 8e-3;
+const TINY: f32 = 1e-5;
+const SURFACE: u32 = 0;
+const TEXTURE: u32 = 1;
+const ENVIRONMENT: u32 = 2;
+const HOLE: u32 = 3;
+const LIGHT: u32 = 4;
+
+/// `TwinQuestion` of shaders/twins.wesl.
+#[repr(C)]
+#[derive(Clone, Copy, Default, Pod, Zeroable)]
+struct Question {
+    wo: [f32; 3],
+    index: u32,
+    wi: [f32; 3],
+    kind: u32,
+    at: [f32; 4],
+}
+
+/// `TwinAnswer`.
+#[repr(C)]
+#[derive(Clone, Copy, Default, Debug, Pod, Zeroable)]
+struct Answer {
+    value: Vec4,
+    emission: Vec4,
+    ng: Vec4,
+    ns: Vec4,
+}
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    }
+
+    fn unit(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1 << 24) as f32
+    }
+
+    fn between(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.unit()
+    }
+
+    fn below(&mut self, n: u64) -> usize {
+        (self.bits() % n) as usize
+    }
+
+    fn color(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit())
+    }
+
+    fn direction(&mut self) -> Vec3 {
+        loop {
+            let v = self.color() * 2.0 - 1.0;
+            if (0.01..1.0).contains(&v.length_squared()) {
+                return v.normalize();
+            }
+        }
+    }
+
+    fn uv(&mut self) -> Vec2 {
+        Vec2::new(self.between(-3.0, 3.0), self.between(-3.0, 3.0))
+    }
+}
+
+/// Runs the twins on the device.
+fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], frame: &layouts::Frame, questions: &[Question]) -> Vec<Answer> {
+    let geometry = Geometry::new(scene);
+    let uploaded = GpuScene::new(gpu, scene, &geometry).unwrap();
+    let pass = Compute::new(gpu, "twins", "twins", flags);
+    let uniform = gpu.uniform::<layouts::Frame>("frame");
+    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(frame));
+    let asked = gpu.upload("twin_questions", questions);
+    let answers = gpu.storage("twin_answers", size_of_val(questions) as u64 / 48 * 64);
+    let bindings = uploaded.with(&[
+        ("frame", uniform.as_entire_binding()),
+        ("twin_questions", asked.as_entire_binding()),
+        ("twin_answers", answers.as_entire_binding()),
+    ]);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    pass.record(gpu, &mut encoder, [questions.len() as u32, 1], &bindings);
+    gpu.queue.submit([encoder.finish()]);
+    read_back(gpu, &answers, questions.len()).unwrap()
+}
+
+/// Whether two values agree.
+fn agree(a: Vec3, b: Vec3, tolerance: f32) -> bool {
+    let size = a.abs().max_element().max(b.abs().max_element());
+    a.is_finite() && b.is_finite() && (a - b).abs().max_element() <= tolerance * size + TINY
+}
+
+/// Fails with the worst of what disagrees. A canary: the comparison must notice values that are off by twice the tolerance.
+fn compare(what: &str, tolerance: f32, pairs: &[(Vec3, Vec3, String)]) {
+    assert!(pairs.len() >= 500, "{what}: only {} pairs", pairs.len());
+    let bright = pairs.iter().filter(|(_, b, _)| b.max_element() > 0.1);
+    assert!(bright.clone().count() * 10 > pairs.len(), "{what}: too little light to compare");
+    let noticed = |b: Vec3| {
+        let off = 1.0 + 2.0 * tolerance + 2e-4;
+        !agree(b * off, b, tolerance) && !agree(b / off, b, tolerance)
+    };
+    assert!(bright.clone().all(|(_, b, _)| noticed(*b)));
+    let mut wrong: Vec<_> = pairs.iter().filter(|(a, b, _)| !agree(*a, *b, tolerance)).collect();
+    let error = |(a, b, _): &(Vec3, Vec3, String)| {
+        let size = a.abs().max_element().max(b.abs().max_element());
+        (*a - *b).abs().max_element() / (size + 0.01)
+    };
+    wrong.sort_by(|a, b| error(b).total_cmp(&error(a)));
+    let text: Vec<_> = wrong
+        .iter()
+        .take(8)
+        .map(|p| format!("shader {} reference {} (off by {:.4}): {}", p.0, p.1, error(p), p.2))
+        .collect();
+    assert!(wrong.is_empty(), "{what}: {} of {} differ\n{}", wrong.len(), pairs.len(), text.join("\n"));
+}
+
+/// One triangle of its own for each material, with bent normals, tangents, two sets of coordinates and colours.
+fn scene_of(materials: Vec<Material>, colors: bool, random: &mut Random) -> Scene {
+    let mut scene = Scene { materials, ..Scene::default() };
+    for material in 0..scene.materials.len() {
+        let positions = [0; 3].map(|_| random.direction() * random.between(0.5, 2.0));
+        let flat = (positions[1] - positions[0]).cross(positions[2] - positions[0]).normalize();
+        let normals = [0; 3].map(|_| (flat + random.direction() * 0.3).normalize());
+        let along = (positions[1] - positions[0]).normalize();
+        let sign = if random.bits() & 1 == 0 { 1.0 } else { -1.0 };
+        // Multiples of 1 / 255 go to the device unrounded.
+        let mut color = || Vec4::from_array([0; 4].map(|_| random.below(256) as f32 / 255.0));
+        let colors = if colors { [0; 3].map(|_| color()).to_vec() } else { Vec::new() };
+        scene.meshes.push(Mesh {
+            tangents: normals.map(|n| along.reject_from(n).normalize().extend(sign)).to_vec(),
+            uvs: [[0; 3].map(|_| random.uv()).to_vec(), [0; 3].map(|_| random.uv()).to_vec()],
+            positions: positions.to_vec(),
+            normals: normals.to_vec(),
+            colors,
+            triangles: vec![[0, 1, 2]],
+            material,
+            ..Mesh::default()
+        });
+        // Some are mirrored and stretched.
+        let scale = if random.bits() & 1 == 0 { Vec3::ONE } else { Vec3::new(-1.0, 1.5, 0.7) };
+        scene.instances.push(Instance { mesh: material, world_from_local: Affine3A::from_scale(scale) });
+    }
+    scene
+}
+
+fn barycentrics(random: &mut Random) -> [f32; 3] {
+    let (mut u, mut v) = (random.unit(), random.unit());
+    if u + v > 1.0 {
+        (u, v) = (1.0 - u, 1.0 - v);
+    }
+    [1.0 - u - v, u, v]
+}
+
+/// What both sides say about random points and directions of a scene of which each triangle has its own material.
+fn surfaces(
+    gpu: &Gpu,
+    scene: &Scene,
+    flags: &[&str],
+    least_cos: f32,
+    random: &mut Random,
+) -> [Vec<(Vec3, Vec3, String)>; 4] {
+    let reference = Surfaces::new(scene);
+    let mut questions = Vec::new();
+    let mut expected = Vec::new();
+    for triangle in 0..reference.geometry.triangles.len() as u32 {
+        let material = reference.material(triangle);
+        for i in 0..60 {
+            let at = barycentrics(random);
+            let hit = Hit { triangle, t: 1.0, bary: [at[1], at[2]] };
+            let wo = random.direction();
+            let surface = reference.at(&hit, -wo);
+            // A side that rounding might choose otherwise tells nothing.
+            if surface.normal.dot(wo) < 1e-3 {
+                continue;
+            }
+            let ns = surface.frame.z;
+            // Half of the pairs are near to a mirror's, as near as the lobe is narrow.
+            let width = match &material.bsdf {
+                Bsdf::Diffuse { .. } => 1.0,
+                Bsdf::MetallicRoughness { roughness, .. } => roughness.factor * roughness.factor,
+                Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } => alpha.factor,
+            };
+            let wi = if i % 2 == 0 {
+                let h = (ns + random.direction() * width.clamp(1e-3, 1.0)).normalize();
+                (h * (2.0 * wo.dot(h)) - wo).normalize()
+            } else {
+                random.direction()
+            };
+            let (local_o, local_i) = (surface.frame.local(wo), surface.frame.local(wi));
+            // Directions that graze: G1 / cos has no digits left there, and a bent normal may lose sight of them.
+            if local_o.z.abs() < least_cos || local_i.z.abs() < least_cos {
+                continue;
+            }
+            let value = reference
+                .bsdf(&surface)
+                .map_or(Vec3::ZERO, |bsdf| bsdf.evaluate(local_o, local_i).0 / local_i.z.max(1e-2));
+            let emission = reference.emitted(&hit, surface.front);
+            questions.push(Question {
+                wo: wo.to_array(),
+                index: triangle,
+                wi: wi.to_array(),
+                kind: SURFACE,
+                at: [at[0], at[1], at[2], 0.0],
+            });
+            expected.push((
+                value,
+                emission,
+                surface.normal,
+                ns,
+                format!("{:?} wo.z {} wi.z {}", material.bsdf, local_o.z, local_i.z),
+            ));
+        }
+    }
+    let answers = ask(gpu, scene, flags, &layouts::Frame::default(), &questions);
+    let mut out = [const { Vec::new() }; 4];
+    for (a, (value, emission, ng, ns, text)) in answers.iter().zip(expected) {
+        out[0].push((a.value.truncate(), value, text));
+        out[1].push((a.emission.truncate(), emission, String::new()));
+        out[2].push((a.ng.truncate(), ng, String::new()));
+        out[3].push((a.ns.truncate(), ns, String::new()));
+    }
+    out
+}
+
+/// Pairs of values whose error is absolute: moved up by one.
+fn from_one(pairs: &[(Vec3, Vec3, String)]) -> Vec<(Vec3, Vec3, String)> {
+    pairs.iter().map(|(a, b, text)| (*a + 1.0, *b + 1.0, text.clone())).collect()
+}
+
+/// Unit vectors within a distance.
+fn compare_normals(what: &str, tolerance: f32, pairs: &[(Vec3, Vec3, String)]) {
+    assert!(pairs.len() >= 500, "{what}: only {} pairs", pairs.len());
+    let near = |a: Vec3, b: Vec3| a.distance(b) < tolerance;
+    let mut off: Vec<f32> = pairs.iter().map(|(a, b, _)| a.distance(*b)).filter(|d| !(*d < tolerance)).collect();
+    off.sort_by(|a, b| b.total_cmp(a));
+    assert!(off.is_empty(), "{what}: {} of {} differ, by {:?}", off.len(), pairs.len(), &off[..off.len().min(8)]);
+    assert!(
+        pairs
+            .iter()
+            .all(|(_, b, _)| !near((*b + b.any_orthonormal_vector() * 2.0 * tolerance).normalize(), *b)
+                && !near(-*b, *b))
+    );
+}
+
+/// A random material of model 0 to 3; `width` is its GGX width.
+fn material(model: usize, width: f32, random: &mut Random) -> Material {
+    let bsdf = match model {
+        0 => Bsdf::Diffuse { reflectance: random.color().into() },
+        1 => Bsdf::MetallicRoughness {
+            base_color: random.color().into(),
+            metallic: [0.0, 1.0, random.unit()][random.below(3)].into(),
+            roughness: width.sqrt().into(),
+            ior: random.between(1.0, 2.5),
+            specular: [1.0, random.unit()][random.below(2)].into(),
+            specular_color: (random.color() * 2.0).into(),
+        },
+        2 => Bsdf::Conductor {
+            alpha: width.into(),
+            fresnel: match random.below(3) {
+                0 => Fresnel::None,
+                _ => Fresnel::Conductor { eta: random.color() * 3.0 + 0.1, k: random.color() * 5.0 },
+            },
+            specular: random.color().into(),
+        },
+        _ => Bsdf::Plastic {
+            alpha: width.into(),
+            diffuse: random.color().into(),
+            specular: random.color().into(),
+            eta: random.between(1.1, 2.0),
+            nonlinear: random.bits() & 1 == 0,
+        },
+    };
+    let sides = [Sides::Two, Sides::One, Sides::OneCulled][random.below(3)];
+    Material { bsdf, sides, ..Material::diffuse("", Vec3::ONE) }
+}
+
+#[test]
+fn reflection() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(1);
+    for model in 0..4 {
+        for (low, high) in [(0.1, 1.0), (0.01, 0.1), (0.001, 0.01)] {
+            let materials =
+                (0..100).map(|_| material(model, low * (high / low as f32).powf(random.unit()), &mut random)).collect();
+            let scene = scene_of(materials, false, &mut random);
+            let [values, ..] = surfaces(gpu, &scene, &["GLOSSY"], 1e-2, &mut random);
+            let tolerance = match (model, high <= 0.01) {
+                (0, _) => TOLERANCE,
+                (_, true) => NARROW,
+                (3, _) => PLASTIC,
+                _ => TOLERANCE,
+            };
+            compare(&format!("model {model}, width {low} to {high}"), tolerance, &values);
+        }
+    }
+}
+
+#[test]
+fn vertex_colors() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(2);
+    for model in 0..4 {
+        let materials = (0..60).map(|_| material(model, 0.3, &mut random)).collect();
+        let scene = scene_of(materials, true, &mut random);
+        let [values, ..] = surfaces(gpu, &scene, &["GLOSSY", "VERTEX_COLORS"], 1e-2, &mut random);
+        compare(&format!("vertex colours, model {model}"), if model == 3 { PLASTIC } else { TOLERANCE }, &values);
+    }
+}
+
+/// Images of odd sizes and textures with every mixture of wrap modes, filters and encodings.
+fn add_textures(scene: &mut Scene, random: &mut Random) {
+    for (width, height) in [(7, 5), (4, 4), (1, 3), (16, 9)] {
+        let texels = (0..width * height).map(|_| (random.bits() as u32).to_le_bytes()).collect();
+        scene.images.push(Image { name: String::new(), width, height, texels });
+    }
+    let modes = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp];
+    for bits in 0..36 {
+        scene.textures.push(Texture {
+            image: random.below(4),
+            wrap: [modes[bits % 3], modes[bits / 3 % 3]],
+            filter: if bits / 9 % 2 == 0 { Filter::Nearest } else { Filter::Linear },
+            srgb: bits / 18 == 1,
+        });
+    }
+}
+
+fn reference_to(texture: usize, random: &mut Random) -> TextureRef {
+    let transform = match random.below(2) {
+        0 => Affine2::IDENTITY,
+        _ => Affine2::from_scale_angle_translation(random.uv(), random.unit() * 6.0, random.uv()),
+    };
+    TextureRef { texture, uv_set: random.below(2) as u32, transform }
+}
+
+#[test]
+fn textures() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(3);
+    let mut scene = Scene::default();
+    add_textures(&mut scene, &mut random);
+    // Uses are numbered as materials first ask for them.
+    let mut uses: Vec<TextureRef> = (0..4 * scene.textures.len()).map(|i| reference_to(i / 4, &mut random)).collect();
+    let mut distinct: Vec<TextureRef> = Vec::new();
+    uses.retain(|u| {
+        !distinct.contains(u) && {
+            distinct.push(*u);
+            true
+        }
+    });
+    scene.materials = uses
+        .iter()
+        .map(|&u| Material {
+            bsdf: Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture: Some(u) } },
+            ..Material::diffuse("", Vec3::ONE)
+        })
+        .collect();
+    let textures = Textures::new(&scene);
+    let mut questions = Vec::new();
+    let mut expected = Vec::new();
+    for (index, reference) in uses.iter().enumerate() {
+        let texture = &scene.textures[reference.texture];
+        let image = &scene.images[texture.image];
+        for _ in 0..100 {
+            let uvs = [random.uv(), random.uv()];
+            let p = reference.apply(uvs) * Vec2::new(image.width as f32, image.height as f32);
+            // On the border between two texels rounding chooses.
+            let off = (p - p.round()).abs().min_element();
+            if texture.filter == Filter::Nearest && off < 1e-3 {
+                continue;
+            }
+            questions.push(Question {
+                index: index as u32,
+                kind: TEXTURE,
+                at: [uvs[0].x, uvs[0].y, uvs[1].x, uvs[1].y],
+                ..Question::default()
+            });
+            expected.push((textures.fetch(reference, uvs), format!("{texture:?} {reference:?} {p}")));
+        }
+    }
+    let answers = ask(gpu, &scene, &["TEXTURES"], &layouts::Frame::default(), &questions);
+    let pairs = |pick: fn(Vec4) -> Vec3| -> Vec<_> {
+        answers.iter().zip(&expected).map(|(a, (e, text))| (pick(a.value), pick(*e), text.clone())).collect()
+    };
+    compare("colours", FILTERED, &from_one(&pairs(Vec4::truncate)));
+    compare("alpha", FILTERED, &from_one(&pairs(|v| Vec3::splat(v.w))));
+}
+
+#[test]
+fn textured_surfaces() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(4);
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let linear: Vec<usize> =
+        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let any = |random: &mut Random| reference_to(linear[random.below(linear.len() as u64)], random);
+    let materials = (0..200)
+        .map(|i| {
+            let mut m = material(i % 4, 0.5, &mut random);
+            let color = |random: &mut Random| Color { factor: random.color(), texture: Some(any(random)) };
+            let scalar = |random: &mut Random| Scalar {
+                factor: random.between(0.5, 1.0),
+                texture: Some((any(random), random.below(4) as u32)),
+            };
+            match &mut m.bsdf {
+                Bsdf::Diffuse { reflectance } => *reflectance = color(&mut random),
+                Bsdf::MetallicRoughness { base_color, metallic, specular, specular_color, .. } => {
+                    *base_color = color(&mut random);
+                    *metallic = scalar(&mut random);
+                    *specular = scalar(&mut random);
+                    *specular_color = color(&mut random);
+                }
+                Bsdf::Conductor { specular, .. } => *specular = color(&mut random),
+                Bsdf::Plastic { diffuse, specular, .. } => {
+                    *diffuse = color(&mut random);
+                    *specular = color(&mut random);
+                }
+            }
+            m.emission = Some(Emission { radiance: color(&mut random), two_sided: random.bits() & 1 == 0 });
+            if i % 3 > 0 {
+                m.normal_map = Some(NormalMap { texture: any(&mut random), scale: random.between(0.2, 1.0) });
+            }
+            m
+        })
+        .collect();
+    let mut scene = scene_of(materials, false, &mut random);
+    (scene.images, scene.textures) = (textures.images, textures.textures);
+    let [values, emission, ng, ns] = surfaces(gpu, &scene, &["GLOSSY", "TEXTURES"], 0.25, &mut random);
+    compare_normals("geometric normals", 1e-4, &ng);
+    compare_normals("shading normals", 0.2, &ns);
+    compare("emission", FILTERED, &from_one(&emission));
+    compare("reflection", FILTERED, &from_one(&values));
+    let bent = ng.iter().zip(&ns).filter(|(g, s)| g.0.dot(s.0) < 0.9).count();
+    assert!(bent > 500, "normal maps do nothing: {bent}");
+}
+
+/// A mesh with a normal map and without tangents gets them from its coordinates (scene::Mesh), also on the device.
+#[test]
+fn normal_maps_without_tangents() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(5);
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let linear: Vec<usize> =
+        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let materials = (0..40)
+        .map(|_| {
+            let texture = TextureRef::new(linear[random.below(linear.len() as u64)]);
+            Material { normal_map: Some(NormalMap { texture, scale: 1.0 }), ..Material::diffuse("", Vec3::splat(0.8)) }
+        })
+        .collect();
+    let mut scene = scene_of(materials, false, &mut random);
+    (scene.images, scene.textures) = (textures.images, textures.textures);
+    scene.meshes.iter_mut().for_each(|m| m.tangents.clear());
+    let [.., ns] = surfaces(gpu, &scene, &["TEXTURES"], 1e-2, &mut random);
+    compare_normals("shading normals", 0.2, &ns);
+}
+
+#[test]
+fn holes() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(6);
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let materials = (0..60)
+        .map(|i| {
+            let texture = (i % 3 > 0).then(|| (reference_to(random.below(36), &mut random), random.below(4) as u32));
+            let value = Scalar { factor: random.between(0.5, 1.0), texture };
+            let cutoff = random.between(0.1, 0.6);
+            let alpha_mask = (i % 5 > 0).then_some(AlphaMask { value, cutoff });
+            Material { alpha_mask, ..Material::diffuse("", Vec3::ONE) }
+        })
+        .collect();
+    let mut scene = scene_of(materials, true, &mut random);
+    (scene.images, scene.textures) = (textures.images, textures.textures);
+    let reference = Surfaces::new(&scene);
+    let (mut questions, mut expected) = (Vec::new(), Vec::new());
+    for _ in 0..20_000 {
+        let (triangle, at) = (random.below(60) as u32, barycentrics(&mut random));
+        questions.push(Question { index: triangle, kind: HOLE, at: [at[0], at[1], at[2], 0.0], ..Question::default() });
+        expected.push(!reference.solid(&Hit { triangle, t: 1.0, bary: [at[1], at[2]] }));
+    }
+    let flags = ["TEXTURES", "MASKS", "VERTEX_COLORS"];
+    let answers = ask(gpu, &scene, &flags, &layouts::Frame::default(), &questions);
+    let holes = expected.iter().filter(|&&e| e).count();
+    assert!(holes > 2000 && holes < 18_000, "{holes}");
+    let wrong = answers.iter().zip(&expected).filter(|(a, e)| (a.value.x == 1.0) != **e).count();
+    // At the threshold itself, rounding decides.
+    assert!(wrong <= 20, "{wrong} of {} differ", expected.len());
+    let shifted = answers.iter().zip(expected.iter().skip(1)).filter(|(a, e)| (a.value.x == 1.0) != **e).count();
+    assert!(shifted > 1000, "answers to other questions are noticed: {shifted}");
+}
+
+#[test]
+fn environments() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(7);
+    for (width, height, rows) in [
+        (8, 4, Some(Rows::Centred)),
+        (8, 4, Some(Rows::AtPoles)),
+        (5, 7, Some(Rows::Centred)),
+        (1, 1, Some(Rows::AtPoles)),
+        (0, 0, None),
+    ] {
+        let texels = (0..width * height).map(|_| (random.color() * 3.0).to_array()).collect();
+        let environment = Environment {
+            radiance: random.color() + 0.1,
+            map: rows.map(|rows| EnvironmentMap { width, height, texels, rows }),
+            world_from_environment: Mat3::from_quat(Quat::from_axis_angle(random.direction(), random.unit() * 6.0)),
+        };
+        let scene = Scene {
+            environment: Some(environment),
+            ..scene_of(vec![material(0, 1.0, &mut random)], false, &mut random)
+        };
+        let environment = scene.environment.as_ref().unwrap();
+        // As frame.rs fills it.
+        let columns = environment.world_from_environment.transpose().to_cols_array_2d();
+        let frame = layouts::Frame {
+            environment: environment.radiance.to_array(),
+            environment_rows_at_poles: u32::from(rows == Some(Rows::AtPoles)),
+            environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
+            ..Default::default()
+        };
+        let directions: Vec<Vec3> = (0..4000).map(|_| random.direction()).collect();
+        let questions: Vec<_> = directions
+            .iter()
+            .map(|d| Question { wo: d.to_array(), kind: ENVIRONMENT, ..Question::default() })
+            .collect();
+        let flags: &[&str] = if rows.is_some() { &["ENVIRONMENT", "ENVIRONMENT_MAP"] } else { &["ENVIRONMENT"] };
+        let answers = ask(gpu, &scene, flags, &frame, &questions);
+        let sky = Sky::new(environment);
+        let pairs: Vec<_> = answers
+            .iter()
+            .zip(&directions)
+            .map(|(a, &d)| (a.value.truncate(), sky.radiance(d), format!("{d}")))
+            .collect();
+        compare(&format!("{width}x{height} {rows:?}"), TOLERANCE, &pairs);
+    }
+}
+
+#[test]
+fn spots() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(8);
+    let scene = scene_of(vec![material(0, 1.0, &mut random)], false, &mut random);
+    let geometry = Geometry::new(&scene);
+    for falloff in [SpotFalloff::CosineSquared, SpotFalloff::AngleLinear] {
+        for (inner_angle, outer_angle) in [(0.2, 0.9), (0.0, 0.6), (1.0, 1.4)] {
+            let (direction, intensity) = (random.direction(), random.color() + 0.2);
+            let light = Light::Spot { position: Vec3::ZERO, direction, intensity, inner_angle, outer_angle, falloff };
+            let lit = Scene { lights: vec![light], ..scene.clone() };
+            let chosen = Lights::new(&lit.lights, Vec3::ZERO, 1.0).choose(0.5).unwrap();
+            let frame = layouts::Frame {
+                light_kind: chosen.kind,
+                light_direction: chosen.direction.to_array(),
+                light_intensity: chosen.intensity.to_array(),
+                light_cos_inner: chosen.cosines[0],
+                light_cos_outer: chosen.cosines[1],
+                light_falloff: chosen.falloff,
+                ..Default::default()
+            };
+            let reference = ReferenceLights::new(&lit, &geometry, &Textures::new(&lit), None);
+            let directions: Vec<Vec3> =
+                (0..2000).map(|_| (direction + random.direction() * random.unit()).normalize()).collect();
+            let questions: Vec<_> =
+                directions.iter().map(|d| Question { wo: d.to_array(), kind: LIGHT, ..Question::default() }).collect();
+            let answers = ask(gpu, &lit, &[], &frame, &questions);
+            let pairs: Vec<_> = answers
+                .iter()
+                .zip(&directions)
+                .map(|(a, &d)| {
+                    // At a metre's distance irradiance is intensity.
+                    let sample = reference.sample(Group::Delta, d, -d, Vec2::splat(0.5), &geometry, None);
+                    (a.value.truncate(), sample.map_or(Vec3::ZERO, |s| s.weight), format!("{d}"))
+                })
+                .collect();
+            compare(&format!("{falloff:?} {inner_angle} {outer_angle}"), TOLERANCE, &pairs);
+        }
+    }
+}
