@@ -49,7 +49,8 @@ impl Case {
     }
 
     fn render(&self, scene: &Scene, side: u32, samples: u32) -> ReferenceOutput {
-        let settings = ReferenceSettings { width: side, height: side, samples, bounces: self.bounces, seed: 1, camera: 0 };
+        let settings =
+            ReferenceSettings { width: side, height: side, samples, bounces: self.bounces, seed: 1, camera: 0 };
         Reference::new(scene).render(&settings, &|_, _| ())
     }
 }

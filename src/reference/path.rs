@@ -171,7 +171,9 @@ impl Reference<'_> {
         if blocked {
             return Vec3::ZERO;
         }
-        value * arriving * (sample.pdf_w.map_or(1.0, |light_pdf_w| power_heuristic(chance * light_pdf_w, pdf_w)) / chance)
+        value
+            * arriving
+            * (sample.pdf_w.map_or(1.0, |light_pdf_w| power_heuristic(chance * light_pdf_w, pdf_w)) / chance)
     }
 
     /// What a light with extent sends from the sampled point; 1 for the others, whose weight says all.

@@ -170,7 +170,8 @@ impl<'s> Surfaces<'s> {
     pub fn bsdf(&self, surface: &Surface) -> Option<Bsdf> {
         let (index, material) = surface.material;
         let reflects = surface.front || material.sides == Sides::Two;
-        reflects.then(|| Bsdf::new(&material.bsdf, self.prepared[index], &self.textures, surface.uvs, surface.vertex_color))
+        reflects
+            .then(|| Bsdf::new(&material.bsdf, self.prepared[index], &self.textures, surface.uvs, surface.vertex_color))
     }
 }
 
