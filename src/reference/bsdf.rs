@@ -79,11 +79,14 @@ pub fn prepare(bsdf: &scene::Bsdf) -> f32 {
 }
 
 impl Bsdf {
-    /// Looks up a material at a point. `prepared` is what [`prepare`] gave; `vertex_color` multiplies glTF's base colour.
+    /// Looks up a material at a point. `prepared` is what [`prepare`] gave; `vertex_color` multiplies the diffuse colour, which in
+    /// glTF's model is the metal's too.
     #[must_use]
     pub fn new(bsdf: &scene::Bsdf, prepared: f32, textures: &Textures, uvs: [Vec2; 2], vertex_color: Vec3) -> Self {
         match bsdf {
-            scene::Bsdf::Diffuse { reflectance } => Self::Diffuse { albedo: textures.color(reflectance, uvs) },
+            scene::Bsdf::Diffuse { reflectance } => {
+                Self::Diffuse { albedo: textures.color(reflectance, uvs) * vertex_color }
+            }
             scene::Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color } => {
                 let weight = textures.scalar(specular, uvs);
                 let head_on = ((ior - 1.0) / (ior + 1.0)).powi(2);
@@ -101,7 +104,7 @@ impl Bsdf {
                 specular: textures.color(specular, uvs),
             },
             scene::Bsdf::Plastic { alpha, diffuse, specular, eta, nonlinear } => {
-                let diffuse = textures.color(diffuse, uvs);
+                let diffuse = textures.color(diffuse, uvs) * vertex_color;
                 let inner = if *nonlinear { diffuse * prepared } else { Vec3::splat(prepared) };
                 Self::Plastic {
                     alpha: textures.scalar(alpha, uvs).max(MIN_ALPHA),

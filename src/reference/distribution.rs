@@ -1,10 +1,15 @@
 //! Drawing from discrete and linear densities so that stratified numbers stay stratified.
 
+/// Weights in one block of a table: a cache line of sums.
+const BLOCK: usize = 16;
+
 /// Indices drawn in proportion to weights.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     /// Sum of the weights up to and including each; the last is `total`.
     sums: Vec<f32>,
+    /// The last sum of each block: searched first, so that a draw from a large table touches few cache lines.
+    blocks: Vec<f32>,
     total: f32,
 }
 
@@ -20,7 +25,8 @@ impl Table {
                 sum as f32
             })
             .collect();
-        Self { sums, total: sum as f32 }
+        let blocks = sums.chunks_exact(BLOCK).map(|block| block[BLOCK - 1]).collect();
+        Self { sums, blocks, total: sum as f32 }
     }
 
     /// Sum of all weights.
@@ -41,7 +47,9 @@ impl Table {
     pub fn sample(&self, u: f32) -> (usize, f32, f32) {
         let target = u * self.total;
         let last = self.sums.len() - 1;
-        let mut index = self.sums.partition_point(|&s| s <= target).min(last);
+        let start = self.blocks.partition_point(|&s| s <= target) * BLOCK;
+        let end = (start + BLOCK).min(self.sums.len());
+        let mut index = (start + self.sums[start..end].partition_point(|&s| s <= target)).min(last);
         while index > 0 && self.probability(index) == 0.0 {
             index -= 1;
         }
@@ -84,6 +92,21 @@ mod tests {
         assert_eq!(counts, [0, 1000, 0, 3000, 0]);
         assert!((rests / n as f32 - 0.5).abs() < 1e-3);
         assert_eq!(table.sample(1.0).0, 3, "rounding up to 1 stays inside");
+    }
+
+    #[test]
+    fn large_tables_find_every_index() {
+        for count in [15, 16, 17, 1000] {
+            let weights: Vec<f32> = (0..count).map(|i| (i % 3) as f32).collect();
+            let table = Table::new(&weights);
+            let mut below = 0.0;
+            for (i, &w) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+                let (index, probability, rest) = table.sample((below + 0.5 * w) / table.total());
+                assert_eq!(index, i);
+                assert!((probability * table.total() - w).abs() < 1e-3 && (rest - 0.5).abs() < 1e-3);
+                below += w;
+            }
+        }
     }
 
     #[test]

@@ -254,8 +254,8 @@ fn mapped_sky_on_a_floor() {
     add(&mut scene, floor(10.0, 0.0), Material::diffuse("floor", Vec3::splat(0.5)));
     scene.environment = Some(environment.clone());
     let output = render(&scene, 16, 256, Some(0));
-    for c in 0..3 {
-        close(mean(&output)[c], 0.5 * sum[c], 4e-3);
+    for (actual, irradiance) in mean(&output).into_iter().zip(sum) {
+        close(actual, 0.5 * irradiance, 4e-3);
     }
 }
 
@@ -455,4 +455,18 @@ fn textured_albedo() {
     for (p, e) in film.pixels.iter().zip(expected) {
         assert!((Vec3::from(*p) - Vec3::from(e)).abs().max_element() < 1e-5, "{:?}", film.pixels);
     }
+}
+
+/// Vertex colours multiply the diffuse colour and are interpolated: red to green along X, half of each in the middle.
+#[test]
+fn vertex_colors() {
+    let mut mesh = floor(1.0, 0.0);
+    let (red, green) = (glam::Vec4::new(1.0, 0.0, 0.0, 1.0), glam::Vec4::new(0.0, 1.0, 0.0, 1.0));
+    mesh.colors = vec![red, green, green, red];
+    let mut scene = scene(parallel(Vec3::Y, Vec3::NEG_Y, 1e-3));
+    add(&mut scene, mesh, Material::diffuse("floor", Vec3::new(0.8, 0.4, 0.4)));
+    scene.lights = vec![Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::splat(PI) }];
+    let film = render(&scene, 1, 4, Some(0)).film;
+    let expected = Vec3::new(0.4, 0.2, 0.0);
+    assert!((Vec3::from(film.pixels[0]) - expected).abs().max_element() < 1e-3, "{:?}", film.pixels);
 }
