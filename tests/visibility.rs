@@ -381,7 +381,7 @@ fn bundles(world: &World, count: usize, views: usize, random: &mut Random) -> Ta
     let mut tally = Tally::default();
     for _ in 0..views {
         let forward = uniform_sphere(random.pair());
-        let turn = random.unit() * 6.283;
+        let turn = random.unit() * std::f32::consts::TAU;
         let resolution = world.plan.bundle_resolution;
         let view = world.fill(&parallel(forward, world.scene.bounds, turn, random.pair(), resolution), resolution);
         let asked: Vec<(Point, bool)> =

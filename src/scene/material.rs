@@ -4,7 +4,8 @@ use glam::Vec3;
 
 use super::TextureRef;
 
-/// A colour: a factor times a texture times the vertex colour, where there are any.
+/// A colour: a factor times a texture, where there is one. The vertex colour multiplies a material's diffuse colour, which in
+/// glTF's model is the metal's F0 too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Color {
     /// Linear RGB.
@@ -60,7 +61,7 @@ pub enum Bsdf {
     },
     /// glTF 2.0, appendix B, with KHR_materials_specular and KHR_materials_ior; alpha = roughness^2.
     MetallicRoughness {
-        /// Diffuse colour of the dielectric and F0 of the metal. The only colour that the vertex colour multiplies.
+        /// Diffuse colour of the dielectric and F0 of the metal.
         base_color: Color,
         /// 0 dielectric, 1 metal.
         metallic: Scalar,

@@ -45,6 +45,8 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
     for element in &tree.root.children {
         loader.top_level(element)?;
     }
+    // Mitsuba's materials use the colours of vertices only where a texture asks for them by name.
+    loader.scene.meshes.iter_mut().for_each(|mesh| mesh.colors.clear());
     Ok(loader.scene)
 }
 
