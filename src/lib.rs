@@ -71,6 +71,7 @@ pub mod film;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_scene;
+pub mod iteration;
 pub mod layouts;
 pub mod lights;
 pub mod metrics;
