@@ -98,7 +98,8 @@ fn planted_errors_are_caught() {
     };
     let direct = settings(0);
     let expected = references(&cornell_point(), &direct);
-    agree("direct light", &compare(&pictures(gpu, &cornell_point(), &direct), &expected, Look::Blocks));
+    // A block's spread is that of a few pixels on edges, too far from a normal distribution for twelve pictures.
+    agree("direct light", &compare(&pictures(gpu, &cornell_point(), &direct), &expected, Look::Image));
     differ("light x 1.0075", &compare(&pictures(gpu, &brighter(cornell_point()), &direct), &expected, Look::Image));
 
     // The same with one bounce, in a sphere, where noise is low.
@@ -120,14 +121,11 @@ fn planted_errors_are_caught() {
     let films = pictures(gpu, &scene, &one);
     differ("1 / pi missing on one wall", &compare(&films, cornell_after_one_bounce(), Look::Image));
 
-    // Paths of two bounces are dropped, or bounded as in the paper.
+    // Paths of two bounces are dropped.
     let two = settings(2);
     let expected = references(&plates(), &two);
     let films = pictures(gpu, &plates(), &one);
     differ("no second bounce", &compare(&films, &expected, Look::Image));
-    let clamped = Settings { strategies: Strategies::Paper, paper_clamp: 0.5, ..two };
-    let films = pictures(gpu, &plates(), &clamped);
-    differ("(2, 3) clamped", &compare(&films, &expected, Look::Image));
 }
 
 /// A floor and a ceiling with a square in between and a lamp beside it: every strategy has bounded contributions, since no two
@@ -262,4 +260,40 @@ fn emitters_that_are_met_by_chance_agree_with_the_reference() {
     let scene = builtin::load("cornell_area").unwrap();
     let films = pictures(gpu, &scene, &settings(1));
     agree("cornell_area", &compare(&films, &references(&scene, &settings(1)), Look::Image));
+}
+
+/// The roughness clamp (eq. (9)) widens the lobes of the metals while samples are few: the picture's error on them, beyond what
+/// its spread explains, has to go away as samples come.
+#[test]
+fn the_roughness_clamp_vanishes() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin::load("cornell_glossy").unwrap();
+    let one = settings(1);
+    let expected = references(&scene, &one);
+    let mean = |films: &[Film], i: usize| {
+        films.iter().map(|f| Vec3::from(f.pixels[i]).element_sum() / 3.0).sum::<f32>() / films.len() as f32
+    };
+    // Mean squared difference of the means, less the variance of the means.
+    let bias = |films: &[Film]| {
+        let excess = |i: usize| {
+            let variance = |films: &[Film]| {
+                let (m, n) = (mean(films, i), films.len() as f32);
+                let value = |f: &Film| Vec3::from(f.pixels[i]).element_sum() / 3.0;
+                films.iter().map(|f| (value(f) - m).powi(2)).sum::<f32>() / (n - 1.0) / n
+            };
+            (mean(films, i) - mean(&expected, i)).powi(2) - variance(films) - variance(&expected)
+        };
+        let pixels = films[0].pixels.len();
+        let (square, level) = (0..pixels).fold((0.0, 0.0), |(s, l), i| (s + excess(i), l + mean(&expected, i).powi(2)));
+        square / level
+    };
+    let of = |samples| pictures(gpu, &scene, &Settings { samples, ..one.clone() });
+    let (few, many) = (of(8), of(128));
+    let (few_bias, many_bias) = (bias(&few), bias(&many));
+    println!("squared relative bias with 8 samples {few_bias:.2e}, with 128 {many_bias:.2e}");
+    let [few_mean, many_mean] = [&few, &many].map(|films| compare(films, &expected, Look::Image).image[0]);
+    println!("mean_bias with 8 samples {few_mean:.4}, with 128 {many_mean:.4}");
+    // A lobe of width alpha is let alone from about 16 / alpha^2 samples on: 1,600 for the block.
+    assert!(many_bias < 0.7 * few_bias, "{few_bias} with 8 samples, {many_bias} with 128");
+    assert!(many_mean.abs() < few_mean.abs() && many_mean.abs() < 0.03, "{few_mean}, then {many_mean}");
 }
