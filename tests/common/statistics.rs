@@ -107,12 +107,13 @@ fn values(film: &Film, look: Look) -> Vec<f64> {
 fn two_sided(t: f64, dof: u32) -> f64 {
     let theta = (t.abs() / f64::from(dof).sqrt()).atan();
     let (sin, cos) = theta.sin_cos();
-    let (mut term, mut sum) = (if dof % 2 == 0 { 1.0 } else { cos }, 0.0);
+    let even = dof.is_multiple_of(2);
+    let (mut term, mut sum) = (if even { 1.0 } else { cos }, 0.0);
     for k in (2 + dof % 2..=dof).step_by(2) {
         sum += term;
         term *= f64::from(k - 1) / f64::from(k) * cos * cos;
     }
-    let inside = if dof % 2 == 0 { sin * sum } else { (theta + sin * sum) * std::f64::consts::FRAC_2_PI };
+    let inside = if even { sin * sum } else { (theta + sin * sum) * std::f64::consts::FRAC_2_PI };
     (1.0 - inside).max(0.0)
 }
 

@@ -255,8 +255,8 @@ fn mapped_sky_on_a_floor() {
     add(&mut scene, floor(10.0, 0.0), Material::diffuse("floor", Vec3::splat(0.5)));
     scene.environment = Some(environment.clone());
     let output = render(&scene, 16, 256, Some(0));
-    for c in 0..3 {
-        close(mean(&output)[c], 0.5 * sum[c], 4e-3);
+    for (c, irradiance) in sum.into_iter().enumerate() {
+        close(mean(&output)[c], 0.5 * irradiance, 4e-3);
     }
 }
 
