@@ -47,7 +47,8 @@ impl Lights {
             }
             Light::Directional { irradiance, .. } => disc * irradiance.element_sum(),
         };
-        let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0).collect();
+        // What is not a number stays: it has to show in the picture and in the count of such values.
+        let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0 || power(l).is_nan()).collect();
         let total: f64 = shining.iter().map(|l| f64::from(power(l))).sum();
         let mut sum = 0.0;
         let cumulative = shining

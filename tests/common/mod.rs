@@ -1,10 +1,18 @@
 //! What several tests need: the device, and the files beside the repository.
 #![allow(dead_code, reason = "each test uses its share")]
 
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+pub mod scenes;
+pub mod statistics;
 
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
+use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::renderer::{RenderStats, Renderer};
+use lightsheaf::scene::Scene;
+use lightsheaf::settings::Settings;
 
 /// The device, opened once per test binary. Without one, says so and gives none; where `REQUIRE_GPU` is 1, fails instead.
 pub fn gpu() -> Option<&'static Gpu> {
@@ -28,4 +36,25 @@ pub fn shared() -> Option<PathBuf> {
     }
     println!("skipped: {} is not there", path.display());
     None
+}
+
+/// Renders by `raster`, one picture at a time, and asks the device for errors.
+pub fn raster(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats) {
+    static ONE: Mutex<()> = Mutex::new(());
+    let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut renderer = Renderer::new(gpu, scene, settings).unwrap();
+    renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+    gpu.check().unwrap();
+    let (film, stats) = (renderer.film().unwrap(), renderer.stats());
+    assert_eq!((stats.samples, stats.lost_nodes), (u64::from(settings.samples), 0));
+    (film, stats)
+}
+
+/// Renders by the reference with as many paths per pixel, in the same size and depth.
+pub fn reference(scene: &Scene, settings: &Settings, samples: u32, seed: u32) -> Film {
+    let Settings { width, height, bounces, camera, .. } = *settings;
+    let settings = ReferenceSettings { width, height, samples, bounces: Some(bounces), seed, camera };
+    let output = Reference::new(scene).render(&settings, &|_, _| ());
+    assert_eq!(output.non_finite, 0);
+    output.film
 }

@@ -1,6 +1,7 @@
 //! The reference against scenes whose answer is derived in a comment.
 
 mod queries;
+#[path = "../common/scenes.rs"]
 mod scenes;
 
 use std::f32::consts::{FRAC_PI_2, PI};

@@ -1,4 +1,4 @@
-//! Small scenes built by hand for the tests of the reference.
+//! Small scenes built by hand, for tests of every method.
 
 use glam::{Affine3A, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};

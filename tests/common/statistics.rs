@@ -1,0 +1,126 @@
+//! Whether two sets of independent pictures have the same mean.
+
+use lightsheaf::film::Film;
+
+/// Probability with which two equal methods are called different, over all values that are looked at.
+pub const SIGNIFICANCE: f64 = 0.001;
+/// Pixels along a side of a block.
+const BLOCK: usize = 8;
+
+/// Relative error of a mean of up to some thousand f32 samples.
+const ROUNDING: f64 = 1e-6;
+
+/// What is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// The mean of each channel.
+    Image,
+    /// The mean of each channel, and of all channels in each block of 8 x 8 pixels.
+    Blocks,
+}
+
+/// The most conspicuous of the values.
+#[derive(Clone, Debug)]
+pub struct Verdict {
+    /// Where it is.
+    pub place: String,
+    /// Relative difference of the means there.
+    pub difference: f64,
+    /// Its standard error.
+    pub error: f64,
+    /// Probability of a difference this large or larger between equals, as the largest of all values.
+    pub p: f64,
+    /// Relative difference and standard error of the whole image's mean.
+    pub image: [f64; 2],
+}
+
+impl Verdict {
+    /// Whether the two may have the same mean.
+    pub fn agrees(&self) -> bool {
+        self.p >= SIGNIFICANCE
+    }
+}
+
+/// Welch's t-test of each value, each picture being one observation, with Sidak's correction for the number of values.
+pub fn compare(a: &[Film], b: &[Film], look: Look) -> Verdict {
+    assert!(a.len() >= 8 && b.len() >= 8, "a spread needs 8 pictures at least");
+    let values: Vec<Vec<Vec<f64>>> = [a, b].map(|films| films.iter().map(|f| values(f, look)).collect()).into();
+    let count = values[0][0].len();
+    let mut verdicts: Vec<Verdict> = (0..count)
+        .map(|i| {
+            let [(mean_a, variance_a), (mean_b, variance_b)] = [0, 1].map(|side| moments(&values[side], i));
+            let difference = mean_a - mean_b;
+            // Sums in f32 have an error of their own, which matters where nothing else varies.
+            let variance = variance_a + variance_b + (ROUNDING * mean_b).powi(2);
+            let error = variance.sqrt();
+            let dof = (variance_a + variance_b).powi(2)
+                / (variance_a.powi(2) / (a.len() - 1) as f64 + variance_b.powi(2) / (b.len() - 1) as f64);
+            // Fewer degrees of freedom than there are: on the safe side.
+            let p = if difference == 0.0 { 1.0 } else { two_sided(difference / error, dof.max(1.0) as u32) };
+            let place = match i {
+                0..3 => format!("channel {i}"),
+                _ => {
+                    let columns = (a[0].width as usize).div_ceil(BLOCK);
+                    format!("block ({}, {})", (i - 3) % columns, (i - 3) / columns)
+                }
+            };
+            let scale = mean_b.abs().max(1e-30);
+            Verdict { place, difference: difference / scale, error: error / scale, p, image: [0.0; 2] }
+        })
+        .collect();
+    let image = [verdicts[1].difference, verdicts[1].error];
+    verdicts.sort_by(|x, y| x.p.total_cmp(&y.p));
+    let mut worst = verdicts.swap_remove(0);
+    // 1 - (1 - p)^m, exactly for small p too.
+    worst.p = -(count as f64 * (-worst.p).ln_1p()).exp_m1();
+    worst.image = image;
+    worst
+}
+
+/// Mean over observations, and variance of that mean.
+fn moments(observations: &[Vec<f64>], value: usize) -> (f64, f64) {
+    let n = observations.len() as f64;
+    let mean = observations.iter().map(|o| o[value]).sum::<f64>() / n;
+    let square = observations.iter().map(|o| (o[value] - mean).powi(2)).sum::<f64>();
+    (mean, square / (n - 1.0) / n)
+}
+
+fn values(film: &Film, look: Look) -> Vec<f64> {
+    assert_eq!(film.non_finite(), 0);
+    let (width, height) = (film.width as usize, film.height as usize);
+    let mean = |pixels: &mut dyn Iterator<Item = f64>| {
+        let (n, sum) = pixels.fold((0.0, 0.0), |(n, sum), v| (n + 1.0, sum + v));
+        sum / n
+    };
+    let mut out: Vec<f64> = (0..3).map(|c| mean(&mut film.pixels.iter().map(|p| f64::from(p[c])))).collect();
+    if look == Look::Blocks {
+        for (top, left) in (0..height).step_by(BLOCK).flat_map(|y| (0..width).step_by(BLOCK).map(move |x| (y, x))) {
+            let block = (top..height.min(top + BLOCK))
+                .flat_map(|y| (left..width.min(left + BLOCK)).map(move |x| film.pixels[y * width + x]));
+            out.push(mean(&mut block.flat_map(|p| p.map(f64::from))));
+        }
+    }
+    out
+}
+
+/// Probability that |t| is at least this large (Abramowitz and Stegun 26.7.3 and 26.7.4).
+fn two_sided(t: f64, dof: u32) -> f64 {
+    let theta = (t.abs() / f64::from(dof).sqrt()).atan();
+    let (sin, cos) = theta.sin_cos();
+    let even = dof.is_multiple_of(2);
+    let (mut term, mut sum) = (if even { 1.0 } else { cos }, 0.0);
+    for k in (2 + dof % 2..=dof).step_by(2) {
+        sum += term;
+        term *= f64::from(k - 1) / f64::from(k) * cos * cos;
+    }
+    let inside = if even { sin * sum } else { (theta + sin * sum) * std::f64::consts::FRAC_2_PI };
+    (1.0 - inside).max(0.0)
+}
+
+/// The distribution against tables: 5 % of |t| lie beyond 2.228 at 10 degrees of freedom, 0.1 % beyond 5.408 at 7.
+pub fn check_distribution() {
+    for (t, dof, p) in [(2.228, 10, 0.05), (5.408, 7, 0.001), (12.706, 1, 0.05), (3.460, 29, 0.0017), (0.0, 5, 1.0)] {
+        let actual = two_sided(t, dof);
+        assert!((actual / p - 1.0).abs() < 0.02, "{t} at {dof}: {actual} is not {p}");
+    }
+}

@@ -1,0 +1,83 @@
+//! Pictures that must not change without a reason: tests/golden/*.exr against what is rendered now.
+//!
+//! UPDATE_GOLDEN=1 rewrites them. A failure leaves the actual picture, the golden one and their signed relative error in
+//! target/golden-failures, each as EXR and PNG.
+
+mod common;
+
+use std::path::Path;
+
+use common::{gpu, raster, reference};
+use lightsheaf::film::Film;
+use lightsheaf::metrics::{compare, heatmap};
+use lightsheaf::scene::builtin;
+use lightsheaf::settings::{Settings, Visibility};
+
+/// rel_mse that rounding of other drivers and processors may cause; 1e-4 is 1 % of each value.
+const TOLERANCE: f64 = 1e-4;
+
+fn settings(visibility: Visibility, seed: u32) -> Settings {
+    Settings { width: 64, height: 64, samples: 32, visibility, seed, ..Settings::default() }
+}
+
+/// Holds a picture against its golden one; an error says where the pictures lie.
+fn check(name: &str, film: &Film) -> Result<(), String> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let path = root.join("tests/golden").join(name).with_extension("exr");
+    if std::env::var("UPDATE_GOLDEN").as_deref() == Ok("1") {
+        std::fs::create_dir_all(root.join("tests/golden")).map_err(|e| e.to_string())?;
+        film.save(&path).map_err(|e| e.to_string())?;
+    }
+    let golden = Film::load(&path).map_err(|e| format!("{e}; UPDATE_GOLDEN=1 writes it"))?;
+    let comparison = compare(film, &golden).map_err(|e| e.to_string())?;
+    if comparison.rel_mse <= TOLERANCE {
+        return Ok(());
+    }
+    let folder = root.join("target/golden-failures");
+    std::fs::create_dir_all(&folder).map_err(|e| e.to_string())?;
+    let error = heatmap(film, &golden).map_err(|e| e.to_string())?;
+    for (what, picture) in [("actual", film), ("golden", &golden), ("error", &error)] {
+        for extension in ["exr", "png"] {
+            picture.save(folder.join(format!("{name}-{what}.{extension}"))).map_err(|e| e.to_string())?;
+        }
+    }
+    Err(format!("{name}: {comparison:?}; see {}/{name}-{{actual,golden,error}}", folder.display()))
+}
+
+fn by_raster(visibility: Visibility, seed: u32) -> Option<Film> {
+    Some(raster(gpu()?, &builtin::load("cornell_point").unwrap(), &settings(visibility, seed)).0)
+}
+
+#[test]
+fn raster_exact() {
+    let Some(film) = by_raster(Visibility::Exact, 1) else { return };
+    check("cornell_point-exact", &film).unwrap();
+}
+
+#[test]
+fn raster_fast() {
+    let Some(film) = by_raster(Visibility::Fast, 1) else { return };
+    check("cornell_point-fast", &film).unwrap();
+}
+
+#[test]
+fn by_the_reference() {
+    let scene = builtin::load("cornell_point").unwrap();
+    check("cornell_point-reference", &reference(&scene, &settings(Visibility::Exact, 1), 32, 1)).unwrap();
+}
+
+/// Another seed is another picture, and is rejected with three pictures that can be looked at.
+#[test]
+fn canary_another_seed_is_rejected() {
+    if std::env::var("UPDATE_GOLDEN").as_deref() == Ok("1") {
+        return;
+    }
+    let Some(film) = by_raster(Visibility::Exact, 2) else { return };
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let golden = Film::load(root.join("tests/golden/cornell_point-exact.exr")).unwrap();
+    let rel_mse = compare(&film, &golden).unwrap().rel_mse;
+    println!("another seed: rel_mse {rel_mse}");
+    assert!(rel_mse > 4.0 * TOLERANCE, "{rel_mse}");
+    let missing = check("no-such-picture", &film).unwrap_err();
+    assert!(missing.contains("no-such-picture.exr") && missing.contains("UPDATE_GOLDEN"), "{missing}");
+}
