@@ -102,15 +102,16 @@ for thing in "${missing[@]}"; do
 done
 
 if [[ ${#from_backports[@]} -gt 0 ]] && ! grep -rqsE '^[^#]*bookworm-backports' /etc/apt/sources.list /etc/apt/sources.list.d/; then
-    # The mirror that the machine uses already, or Debian's own.
+    # The mirror that the machine uses already.
     mirror=$(apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
         sed -n 's/^bookworm \(.*[^/]\)\/*$/\1/p' | head -n 1) || mirror=""
+    [[ $mirror ]] || fail "apt knows no mirror of Debian 12 (bookworm): add one with bookworm-backports to apt's sources, or install a Vulkan driver"
     list=/etc/apt/sources.list.d/lightsheaf-backports.list
     say "adding $list: Debian 12's own Mesa (22.3) has no ray queries, the one in backports has"
     key=/usr/share/keyrings/debian-archive-keyring.gpg
     signed=""
     [[ -e $key ]] && signed="[signed-by=$key] "
-    echo "deb ${signed}${mirror:-http://deb.debian.org/debian} bookworm-backports main" |
+    echo "deb ${signed}$mirror bookworm-backports main" |
         ${as_root[@]+"${as_root[@]}"} tee "$list" >/dev/null
 fi
 
