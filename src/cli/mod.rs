@@ -90,8 +90,8 @@ fn plan(args: &PlanArgs) -> Result<()> {
 
 fn scenes() -> Result<()> {
     let mut lines: Vec<_> =
-        scene::builtin::names().map(|(name, about)| format!("{:<26}{about}", format!("builtin:{name}"))).collect();
-    lines.push(format!("{:<26}{}", "PATH.gltf, PATH.glb", "glTF 2.0, data embedded or in files beside it"));
-    lines.push(format!("{:<26}{}", "PATH.xml", "Mitsuba 0.5, 0.6, 2 and 3"));
+        scene::builtin::names().map(|(name, about)| format!("{:<28}{about}", format!("builtin:{name}"))).collect();
+    lines.push(format!("{:<28}{}", "PATH.gltf, PATH.glb", "glTF 2.0, data embedded or in files beside it"));
+    lines.push(format!("{:<28}{}", "PATH.xml", "Mitsuba 0.5, 0.6, 2 and 3"));
     output::print(&lines.join("\n"))
 }
