@@ -18,6 +18,7 @@ use crate::passes::gbuffer::GBuffer;
 use crate::passes::light_subpath::LightSubpath;
 use crate::passes::view_lists::ViewLists;
 use crate::passes::view_setup::ViewSetup;
+use crate::pixels::PixelBuffers;
 use crate::plan::{Connection, FramePlan};
 use crate::sampler::{Decision, Sampler};
 use crate::scene::Camera;
@@ -27,12 +28,11 @@ use crate::view::{ViewBuffers, parallel, perspective};
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
     plan: FramePlan,
-    size: [u32; 2],
     view_setup: ViewSetup,
     view_lists: ViewLists,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
-    eye_vertices_pass: EyeVertices,
+    eye_vertices: EyeVertices,
     connections: Vec<(Connection, wgpu::Buffer)>,
     connects: Vec<((u32, bool), Connect)>,
     extends: Vec<(bool, Extend)>,
@@ -41,12 +41,9 @@ pub struct Frame {
     views: Vec<ViewBuffers>,
     /// The light that `views[0]` was made for.
     light_in_view: Option<usize>,
-    uniform: wgpu::Buffer,
+    pixels: PixelBuffers,
     empty_draw: wgpu::Buffer,
     light_vertices: wgpu::Buffer,
-    eye_vertices: wgpu::Buffer,
-    shadings: wgpu::Buffer,
-    radiance: wgpu::Buffer,
     demands: wgpu::Buffer,
     /// Sum and compensation per pixel.
     pub film: wgpu::Buffer,
@@ -105,23 +102,19 @@ impl Frame {
         let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let demands = gpu.storage("demands", (views.len().max(1) * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
-            size,
             view_setup: ViewSetup::new(gpu),
             view_lists: ViewLists::new(gpu, plan.fast, largest),
             light_subpath: (plan.light_vertices > 1).then(|| LightSubpath::new(gpu, &with(visibility))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
-            eye_vertices_pass: EyeVertices::new(gpu, &with(&plan.light_flags)),
+            eye_vertices: EyeVertices::new(gpu, &with(&plan.light_flags)),
             connections,
             connects,
             extends,
             accumulate: Accumulate::new(gpu),
             light_in_view: None,
-            uniform: gpu.uniform::<layouts::Frame>("frame"),
+            pixels: PixelBuffers::new(gpu, size, plan.glossy()),
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
-            eye_vertices: gpu.storage("eye_vertices", pixels * size_of::<layouts::EyeVertex>() as u64),
-            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(plan.glossy())),
-            radiance: gpu.storage("radiance", pixels * 16),
             film: gpu.storage("film", pixels * 32),
             log: gpu.storage("log", 8 + 8 * views.len().max(1) as u64),
             demands,
@@ -146,10 +139,10 @@ impl Frame {
         let sampler = Sampler::new(settings.seed, iteration);
         let light = if self.plan.light_vertices > 0 { lights.choose(sampler.get(Decision::Light)) } else { None };
         let uniform = describe(scene, camera, lights, light.as_ref(), settings, &sampler, iteration, batch_index);
-        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let mut encoder =
+        gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
+        let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
-        let encoder = &mut encoder;
+        let encoder = &mut commands;
         let light_vertices = self.plan.light_vertices as usize;
 
         // y0: everything that the light can see. Kept while the light stays the same.
@@ -168,7 +161,7 @@ impl Frame {
         if let (Some(pass), Some(_)) = (&self.light_subpath, light) {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
-                pass.record(gpu, encoder, scene, &self.uniform, vertex as u32, from, &self.light_vertices, next);
+                pass.record(gpu, encoder, scene, &self.pixels.frame, vertex as u32, from, &self.light_vertices, next);
                 self.fill(gpu, encoder, scene, vertex);
             }
         }
@@ -186,18 +179,8 @@ impl Frame {
         }
 
         // z1, and what the camera sees shining: (0, 2).
-        self.gbuffer.record(gpu, encoder, scene, &self.uniform);
-        self.eye_vertices_pass.record(
-            gpu,
-            encoder,
-            scene,
-            &self.uniform,
-            self.size,
-            &self.gbuffer.triangles,
-            &self.eye_vertices,
-            &self.shadings,
-            &self.radiance,
-        );
+        self.gbuffer.record(gpu, encoder, scene, &self.pixels.frame);
+        self.eye_vertices.record(gpu, encoder, scene, &self.pixels, &self.gbuffer.triangles);
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=settings.bounces + 1 {
@@ -207,34 +190,12 @@ impl Frame {
                     continue;
                 };
                 let view = &self.views[connection.s as usize - 1];
-                pass.record(
-                    gpu,
-                    encoder,
-                    scene,
-                    &self.uniform,
-                    self.size,
-                    strategy,
-                    view,
-                    &self.light_vertices,
-                    &self.eye_vertices,
-                    &self.shadings,
-                    &self.radiance,
-                );
+                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, &self.light_vertices);
             }
             let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
             let Some((_, pass)) = self.extends.iter().find(|(last, _)| *last == extension.last) else { continue };
             let bundle = &self.views[light_vertices + j as usize - 1];
-            pass.record(
-                gpu,
-                encoder,
-                scene,
-                &self.uniform,
-                self.size,
-                bundle,
-                &self.eye_vertices,
-                &self.shadings,
-                &self.radiance,
-            );
+            pass.record(gpu, encoder, scene, &self.pixels, bundle);
         }
 
         // The film, unless a list ran out of room.
@@ -243,17 +204,8 @@ impl Frame {
             encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
             encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
         }
-        self.accumulate.record(
-            gpu,
-            encoder,
-            &self.uniform,
-            self.size,
-            &self.radiance,
-            &self.demands,
-            &self.film,
-            &self.log,
-        );
-        gpu.queue.submit([std::mem::replace(encoder, gpu.device.create_command_encoder(&Default::default())).finish()]);
+        self.accumulate.record(gpu, encoder, &self.pixels, &self.demands, &self.film, &self.log);
+        gpu.queue.submit([commands.finish()]);
     }
 
     /// Lists of everything in a view: set up once per triangle, then rasterized (DESIGN section 3, "Exact visibility").
@@ -282,9 +234,8 @@ impl Frame {
     /// Bytes of all buffers and targets of the frame.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let pixels = u64::from(self.size[0]) * u64::from(self.size[1]);
-        let buffers =
-            [&self.eye_vertices, &self.shadings, &self.radiance, &self.film].iter().map(|b| b.size()).sum::<u64>();
+        let pixels = u64::from(self.pixels.size[0]) * u64::from(self.pixels.size[1]);
+        let buffers = self.pixels.bytes() + self.film.size();
         buffers + pixels * 8 + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
     }
 

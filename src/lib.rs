@@ -76,6 +76,7 @@ pub mod layouts;
 pub mod lights;
 pub mod metrics;
 pub mod passes;
+pub mod pixels;
 pub mod plan;
 pub mod reference;
 pub mod renderer;

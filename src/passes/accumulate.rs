@@ -3,6 +3,7 @@
 //! Reads the iteration's image and the views' demands. Writes the film and the batch's log.
 
 use crate::gpu::{Compute, Gpu};
+use crate::pixels::PixelBuffers;
 
 /// The pass.
 pub struct Accumulate(Compute);
@@ -19,20 +20,17 @@ impl Accumulate {
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        frame: &wgpu::Buffer,
-        size: [u32; 2],
-        radiance: &wgpu::Buffer,
+        pixels: &PixelBuffers,
         demands: &wgpu::Buffer,
         film: &wgpu::Buffer,
         log: &wgpu::Buffer,
     ) {
-        let bindings = [
-            ("frame", frame.as_entire_binding()),
-            ("radiance", radiance.as_entire_binding()),
+        let mut bindings = pixels.bindings().to_vec();
+        bindings.extend([
             ("demands", demands.as_entire_binding()),
             ("film", film.as_entire_binding()),
             ("log", log.as_entire_binding()),
-        ];
-        self.0.record(gpu, encoder, size, &bindings);
+        ]);
+        self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
+use crate::pixels::PixelBuffers;
 use crate::view::ViewBuffers;
 
 /// The pass, for one number of light vertices.
@@ -31,24 +32,17 @@ impl Connect {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
-        size: [u32; 2],
+        pixels: &PixelBuffers,
         strategy: &wgpu::Buffer,
         view: &ViewBuffers,
         light_vertices: &wgpu::Buffer,
-        eye_vertices: &wgpu::Buffer,
-        shadings: &wgpu::Buffer,
-        radiance: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&view.bindings());
+        bindings.extend(pixels.bindings());
         bindings.extend([
-            ("frame", frame.as_entire_binding()),
             ("strategy", strategy.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
-            ("eye_vertices", eye_vertices.as_entire_binding()),
-            ("shadings", shadings.as_entire_binding()),
-            ("radiance", radiance.as_entire_binding()),
         ]);
-        self.0.record(gpu, encoder, size, &bindings);
+        self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
+use crate::pixels::PixelBuffers;
 use crate::view::ViewBuffers;
 
 /// The pass.
@@ -27,20 +28,11 @@ impl Extend {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
-        size: [u32; 2],
+        pixels: &PixelBuffers,
         bundle: &ViewBuffers,
-        eye_vertices: &wgpu::Buffer,
-        shadings: &wgpu::Buffer,
-        radiance: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&bundle.bindings());
-        bindings.extend([
-            ("frame", frame.as_entire_binding()),
-            ("eye_vertices", eye_vertices.as_entire_binding()),
-            ("shadings", shadings.as_entire_binding()),
-            ("radiance", radiance.as_entire_binding()),
-        ]);
-        self.0.record(gpu, encoder, size, &bindings);
+        bindings.extend(pixels.bindings());
+        self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }

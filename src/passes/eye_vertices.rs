@@ -4,6 +4,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
+use crate::pixels::PixelBuffers;
 
 /// The pass.
 pub struct EyeVertices(Compute);
@@ -21,20 +22,11 @@ impl EyeVertices {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
-        size: [u32; 2],
+        pixels: &PixelBuffers,
         gbuffer: &wgpu::TextureView,
-        eye_vertices: &wgpu::Buffer,
-        shadings: &wgpu::Buffer,
-        radiance: &wgpu::Buffer,
     ) {
-        let bindings = scene.with(&[
-            ("frame", frame.as_entire_binding()),
-            ("gbuffer", wgpu::BindingResource::TextureView(gbuffer)),
-            ("eye_vertices", eye_vertices.as_entire_binding()),
-            ("shadings", shadings.as_entire_binding()),
-            ("radiance", radiance.as_entire_binding()),
-        ]);
-        self.0.record(gpu, encoder, size, &bindings);
+        let mut bindings = scene.with(&[("gbuffer", wgpu::BindingResource::TextureView(gbuffer))]);
+        bindings.extend(pixels.bindings());
+        self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }
