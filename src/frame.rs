@@ -148,7 +148,7 @@ impl Frame {
         // y0: everything that the light can see. Kept while the light stays the same.
         if let Some(light) = light.filter(|l| self.light_in_view != Some(l.index)) {
             let look = if light.kind == 2 {
-                parallel(light.direction, scene.bounds, 0.0, [0.5; 2], self.views[0].resolution)
+                parallel(light.direction, scene.bounds, 0.0, None, self.views[0].resolution)
             } else {
                 perspective(light.position)
             };
@@ -171,10 +171,8 @@ impl Frame {
             let n_bundle = (n - light_vertices) as u32;
             let forward = uniform_sphere(sampler.get2(Decision::Bundle(n_bundle)));
             let turn = TAU * sampler.get(Decision::Turn(n_bundle));
-            view.look(
-                gpu,
-                &parallel(forward, scene.bounds, turn, sampler.get2(Decision::Shift(n_bundle)), view.resolution),
-            );
+            let shift = self.plan.fast.then(|| sampler.get2(Decision::Shift(n_bundle)));
+            view.look(gpu, &parallel(forward, scene.bounds, turn, shift, view.resolution));
             self.fill(gpu, encoder, scene, n);
         }
 

@@ -119,22 +119,30 @@ pub fn perspective(origin: Vec3) -> layouts::View {
     }
 }
 
-/// A bundle along unit `forward` through the box `bounds`, turned by `angle` and moved by `offset` texels of `resolution`.
+/// A bundle along unit `forward` through the box `bounds`, turned by `angle`.
 ///
-/// The grid is as small as the box allows. In exact mode neither angle nor offset changes any answer; in fast mode they make
-/// the grid's error average out.
+/// Exact mode has no `shift`: then nothing here depends on the resolution, and look-ups give the same bits at any. Fast mode
+/// moves the grid by a share of a texel in [0, 1), and turns it, so that its error averages out over iterations.
 #[must_use]
-pub fn parallel(forward: Vec3, bounds: [Vec3; 2], angle: f32, offset: [f32; 2], resolution: u32) -> layouts::View {
+pub fn parallel(
+    forward: Vec3,
+    bounds: [Vec3; 2],
+    angle: f32,
+    shift: Option<[f32; 2]>,
+    resolution: u32,
+) -> layouts::View {
     let (right, up) = forward.any_orthonormal_pair();
     let (sin, cos) = angle.sin_cos();
     let (right, up) = (right * cos + up * sin, up * cos - right * sin);
     let center = 0.5 * (bounds[0] + bounds[1]);
     let half = 0.5 * (bounds[1] - bounds[0]);
     let extent = half.dot(right.abs()).max(half.dot(up.abs()));
-    // Two texels of margin: one for the offset, one for rounding.
-    let half_extent = if extent > 0.0 { extent * (1.0 + 4.0 / resolution as f32) } else { 1.0 };
+    // A margin for rounding, and for the shift.
+    let margin = if shift.is_some() { 4.0 / resolution as f32 } else { 1.0 / 64.0 };
+    let half_extent = if extent > 0.0 { extent * (1.0 + margin) } else { 1.0 };
     let texel = 2.0 * half_extent / resolution as f32;
-    let origin = center + (right * (offset[0] - 0.5) + up * (offset[1] - 0.5)) * texel;
+    let [x, y] = shift.map_or([0.0; 2], |s| s.map(|s| (s - 0.5) * texel));
+    let origin = center + right * x + up * y;
     layouts::View {
         origin: origin.to_array(),
         kind: layouts::View::PARALLEL,
