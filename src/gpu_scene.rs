@@ -370,7 +370,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
     };
     match &m.bsdf {
         Bsdf::Diffuse { reflectance } => (out.base, out.base_texture) = atlas.color(scene, reflectance),
-        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color } => {
+        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } => {
             out.model = 1;
             (out.base, out.base_texture) = atlas.color(scene, base_color);
             (out.metallic, out.metallic_texture) = atlas.scalar(scene, metallic);
@@ -398,6 +398,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
                 out.flags |= NONLINEAR;
             }
         }
+        Bsdf::Dielectric { .. } => (),
     }
     if let Some(emission) = &m.emission {
         (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);

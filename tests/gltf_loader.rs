@@ -437,7 +437,7 @@ fn materials_say_what_the_file_says() {
     let material = &scene.materials[0];
     assert_eq!(material.emission.unwrap().radiance.factor, Vec3::new(10.0, 5.0, 0.0));
     assert_eq!((material.sides, material.alpha_mask.unwrap().cutoff), (Sides::Two, 0.3));
-    let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color } = material.bsdf
+    let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } = material.bsdf
     else {
         panic!("{:?}", material.bsdf);
     };

@@ -73,6 +73,7 @@ fn white_furnace() {
         ior: 1.5,
         specular: 0.0.into(),
         specular_color: Vec3::ONE.into(),
+        transmission: 0.0.into(),
     };
     let diffuse = Material::diffuse("white", Vec3::ONE);
     let cases = [

@@ -207,7 +207,9 @@ fn surfaces(
             let width = match &material.bsdf {
                 Bsdf::Diffuse { .. } => 1.0,
                 Bsdf::MetallicRoughness { roughness, .. } => roughness.factor * roughness.factor,
-                Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } => alpha.factor,
+                Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } | Bsdf::Dielectric { alpha, .. } => {
+                    alpha.factor
+                }
             };
             let wi = if i % 2 == 0 {
                 let h = (ns + random.direction() * width.clamp(1e-3, 1.0)).normalize();
@@ -283,6 +285,7 @@ fn material(model: usize, width: f32, random: &mut Random) -> Material {
             ior: random.between(1.0, 2.5),
             specular: [1.0, random.unit()][random.below(2)].into(),
             specular_color: (random.color() * 2.0).into(),
+            transmission: 0.0.into(),
         },
         2 => Bsdf::Conductor {
             alpha: width.into(),
@@ -445,6 +448,7 @@ fn textured_surfaces() {
                     *diffuse = color(&mut random);
                     *specular = color(&mut random);
                 }
+                Bsdf::Dielectric { .. } => unreachable!("not drawn"),
             }
             m.emission = Some(Emission { radiance: color(&mut random), two_sided: random.bits() & 1 == 0 });
             if i % 3 > 0 {

@@ -87,7 +87,9 @@ impl Bsdf {
             scene::Bsdf::Diffuse { reflectance } => {
                 Self::Diffuse { albedo: textures.color(reflectance, uvs) * vertex_color }
             }
-            scene::Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color } => {
+            scene::Bsdf::MetallicRoughness {
+                base_color, metallic, roughness, ior, specular, specular_color, ..
+            } => {
                 let weight = textures.scalar(specular, uvs);
                 let head_on = ((ior - 1.0) / (ior + 1.0)).powi(2);
                 Self::MetallicRoughness {
@@ -113,6 +115,7 @@ impl Bsdf {
                     eta: *eta,
                 }
             }
+            scene::Bsdf::Dielectric { .. } => Self::Diffuse { albedo: Vec3::ZERO },
         }
     }
 

@@ -1,4 +1,4 @@
-//! Cameras: pinholes and parallel projections.
+//! Cameras: pinholes, thin lenses and parallel projections.
 
 use glam::{Affine3A, Vec2, Vec3};
 
@@ -34,6 +34,15 @@ pub enum Projection {
     },
 }
 
+/// A thin lens: rays start on its disc and meet on the plane of focus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// Radius of the aperture in metres.
+    pub radius: f32,
+    /// Distance along the axis of the plane that is sharp, in metres.
+    pub focus: f32,
+}
+
 /// A camera: looks along its own -Z with +Y up, as in glTF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
@@ -43,6 +52,8 @@ pub struct Camera {
     pub world_from_camera: Affine3A,
     /// Pinhole or parallel.
     pub projection: Projection,
+    /// A thin lens instead of a pinhole; perspective cameras only.
+    pub lens: Option<Lens>,
     /// Image size that the file asks for, in pixels.
     pub film_size: Option<(u32, u32)>,
 }

@@ -105,6 +105,7 @@ fn framing_camera([low, high]: [Vec3; 2]) -> Camera {
         name: "default".to_owned(),
         world_from_camera: Affine3A::from_mat3_translation(matrix3, eye),
         projection: Projection::Perspective { fov, axis: FovAxis::Smaller },
+        lens: None,
         film_size: None,
     }
 }
@@ -135,6 +136,7 @@ fn interior_camera(geometry: &Geometry) -> Option<Camera> {
             centre - axis * (0.9 * behind),
         ),
         projection: Projection::Perspective { fov: 60_f32.to_radians(), axis: FovAxis::Smaller },
+        lens: None,
         film_size: None,
     })
 }

@@ -73,6 +73,9 @@ pub enum Bsdf {
         specular: Scalar,
         /// KHR_materials_specular's specularColorFactor.
         specular_color: Color,
+        /// KHR_materials_transmission: share of the base that passes, tinted by the base colour, instead of being reflected
+        /// diffusely. Refracted by `ior` where the material is a [`Boundary::Volume`], straight through where it is a sheet.
+        transmission: Scalar,
     },
     /// Metal: one GGX lobe, uncorrelated Smith G1 G1 as in Mitsuba.
     Conductor {
@@ -98,6 +101,32 @@ pub enum Bsdf {
         eta: f32,
         /// Whether inner reflections shift the colour.
         nonlinear: bool,
+    },
+    /// Glass: reflects and refracts (Walter et al. 2007; `alpha` below [`SMOOTH`]: perfectly smooth), G1 G1 as in Mitsuba.
+    Dielectric {
+        /// GGX width.
+        alpha: Scalar,
+        /// Index of refraction behind the surface (against the geometric normal) relative to that in front of it.
+        eta: f32,
+        /// Multiplies what is reflected.
+        reflection: Color,
+        /// Multiplies what passes.
+        transmission: Color,
+    },
+}
+
+/// GGX widths below this are perfect mirrors and windows, wherever a method can follow them.
+pub const SMOOTH: f32 = 1e-3;
+
+/// What lies behind a surface that light passes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Boundary {
+    /// The same as in front: a thin sheet. Light goes straight on; inner reflections of a smooth one are summed.
+    Sheet,
+    /// A homogeneous medium that absorbs: transmittance exp(-absorption d) over d metres (KHR_materials_volume).
+    Volume {
+        /// Per metre, per channel.
+        absorption: Vec3,
     },
 }
 
@@ -154,6 +183,8 @@ pub struct Material {
     pub alpha_mask: Option<AlphaMask>,
     /// What its back does.
     pub sides: Sides,
+    /// Where its BSDF lets light pass: into what.
+    pub boundary: Boundary,
 }
 
 impl Material {
@@ -166,6 +197,7 @@ impl Material {
             normal_map: None,
             alpha_mask: None,
             sides: Sides::Two,
+            boundary: Boundary::Volume { absorption: Vec3::ZERO },
         }
     }
 }

@@ -20,13 +20,13 @@ pub mod stats;
 pub mod tangents;
 pub mod texture;
 
-pub use camera::{Camera, FovAxis, Projection};
+pub use camera::{Camera, FovAxis, Lens, Projection};
 pub use environment::{Environment, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
 pub use light::{Light, SpotFalloff};
 pub use load::load;
-pub use material::{AlphaMask, Bsdf, Color, Emission, Fresnel, Material, NormalMap, Scalar, Sides};
+pub use material::{AlphaMask, Boundary, Bsdf, Color, Emission, Fresnel, Material, NormalMap, SMOOTH, Scalar, Sides};
 pub use mesh::{Instance, Mesh};
 pub use stats::SceneStats;
 pub use texture::{Filter, Image, Texture, TextureRef, Wrap};

@@ -103,6 +103,7 @@ pub fn parallel(at: Vec3, along: Vec3, half: f32) -> Camera {
         name: "parallel".into(),
         world_from_camera: look(at, along),
         projection: Projection::Orthographic { half_extent: Vec2::splat(half) },
+        lens: None,
         film_size: None,
     }
 }
@@ -113,6 +114,7 @@ pub fn pinhole(at: Vec3, along: Vec3, fov: f32) -> Camera {
         name: "pinhole".into(),
         world_from_camera: look(at, along),
         projection: Projection::Perspective { fov, axis: FovAxis::Y },
+        lens: None,
         film_size: None,
     }
 }

@@ -428,6 +428,7 @@ fn gltf_without_specular_is_lambertian() {
         ior: 1.5,
         specular: 0.0.into(),
         specular_color: Vec3::ONE.into(),
+        transmission: 0.0.into(),
     };
     add(&mut scene, sphere(2), Material { bsdf, ..Material::diffuse("white", Vec3::ONE) });
     scene.environment = Some(Environment { radiance: Vec3::ONE, map: None, world_from_environment: Mat3::IDENTITY });

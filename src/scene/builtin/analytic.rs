@@ -22,6 +22,7 @@ fn parallel(eye: Vec3, ahead: Vec3, up: Vec3, half: f32) -> Camera {
         name: "camera".to_owned(),
         world_from_camera: Affine3A::from_mat3_translation(Mat3::from_cols(right, back.cross(right), back), eye),
         projection: Projection::Orthographic { half_extent: Vec2::splat(half) },
+        lens: None,
         film_size: Some((128, 128)),
     }
 }

@@ -183,6 +183,7 @@ fn camera(eye: [f64; 3], target: [f64; 3], fov: f64) -> Camera {
         name: "camera".to_owned(),
         world_from_camera: Affine3A::from_cols(x, y, z, w),
         projection: Projection::Perspective { fov: fov.to_radians() as f32, axis: FovAxis::X },
+        lens: None,
         film_size: Some((512, 512)),
     }
 }

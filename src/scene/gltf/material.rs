@@ -12,8 +12,8 @@ use rayon::prelude::*;
 
 use super::file::File;
 use crate::scene::{
-    AlphaMask, Bsdf, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Scalar, Scene, Sides, Texture,
-    TextureRef, Wrap,
+    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Scalar, Scene, Sides,
+    Texture, TextureRef, Wrap,
 };
 
 /// Turns materials into the scene's, and remembers which images they need.
@@ -26,7 +26,6 @@ pub(super) struct Materials {
 /// The material of primitives that name none.
 pub(super) fn default_material() -> Material {
     Material {
-        name: "default".to_owned(),
         bsdf: Bsdf::MetallicRoughness {
             base_color: Vec3::ONE.into(),
             metallic: 1.0.into(),
@@ -34,11 +33,10 @@ pub(super) fn default_material() -> Material {
             ior: 1.5,
             specular: 1.0.into(),
             specular_color: Vec3::ONE.into(),
+            transmission: 0.0.into(),
         },
-        emission: None,
-        normal_map: None,
-        alpha_mask: None,
         sides: Sides::OneCulled,
+        ..Material::diffuse("default", Vec3::ONE)
     }
 }
 
@@ -99,12 +97,14 @@ impl Materials {
                 ior,
                 specular,
                 specular_color,
+                transmission: 0.0.into(),
             },
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
             alpha_mask: alpha_mask(file, scene, &place, material, base_color_texture, has_colors)?,
             sides: if two_sided { Sides::Two } else { Sides::OneCulled },
+            boundary: Boundary::Sheet,
         };
         // A dielectric without reflection is Lambertian. Bsdf::Diffuse knows no vertex colours.
         if specular.factor == 0.0 && pbr.metallic_factor.0 == 0.0 && !has_colors {

@@ -312,7 +312,7 @@ impl Loader<'_> {
             _ => return Err(self.file.error(place, "the values of its type are missing")),
         };
         let name = node.name.clone().or_else(|| camera.name.clone()).unwrap_or_else(|| place.clone());
-        Ok(Camera { name, world_from_camera: rigid(world), projection, film_size: None })
+        Ok(Camera { name, world_from_camera: rigid(world), projection, lens: None, film_size: None })
     }
 
     fn light(

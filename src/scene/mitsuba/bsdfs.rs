@@ -57,7 +57,7 @@ impl<'a> Loader<'a> {
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
                 let glass = matches!(kind, "dielectric" | "thindielectric" | "roughdielectric" | "null");
                 let alpha_mask = glass.then(|| AlphaMask { value: 0.0.into(), cutoff: 0.5 });
-                let material = Material { name, bsdf, emission: None, normal_map: None, alpha_mask, sides: Sides::One };
+                let material = Material { bsdf, alpha_mask, sides: Sides::One, ..Material::diffuse(name, Vec3::ONE) };
                 Surface { material, frame: None, bump: false }
             }
         };
@@ -315,6 +315,7 @@ impl<'a> Loader<'a> {
             ior: ior.max(1.0),
             specular: 1.0.into(),
             specular_color: grey(1.0),
+            transmission: 0.0.into(),
         })
     }
 

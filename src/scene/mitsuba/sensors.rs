@@ -50,6 +50,7 @@ impl<'a> Loader<'a> {
             name,
             world_from_camera: camera_frame,
             projection,
+            lens: None,
             film_size: Some((width, height)),
         });
         Ok(())

@@ -300,7 +300,7 @@ fn default_surface(emitter: bool) -> Surface {
     let reflectance = Color::from(Vec3::splat(if emitter { 0.0 } else { 0.5 }));
     let bsdf = Bsdf::Diffuse { reflectance };
     let name = if emitter { "light" } else { "default" }.to_owned();
-    let material = Material { name, bsdf, emission: None, normal_map: None, alpha_mask: None, sides: Sides::One };
+    let material = Material { bsdf, sides: Sides::One, ..Material::diffuse(name, Vec3::ONE) };
     Surface { material, frame: None, bump: false }
 }
 
