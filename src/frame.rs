@@ -12,6 +12,7 @@ use crate::layouts;
 use crate::lights::{Lights, uniform_sphere};
 use crate::passes::accumulate::Accumulate;
 use crate::passes::connect::Connect;
+use crate::passes::depth_maps::DepthMaps;
 use crate::passes::extend::Extend;
 use crate::passes::eye_vertices::EyeVertices;
 use crate::passes::gbuffer::GBuffer;
@@ -30,6 +31,7 @@ pub struct Frame {
     plan: FramePlan,
     view_setup: ViewSetup,
     view_lists: ViewLists,
+    depth_maps: Option<DepthMaps>,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
     eye_vertices: EyeVertices,
@@ -94,9 +96,10 @@ impl Frame {
         let views: Vec<_> = plan
             .views()
             .iter()
-            .map(|&(resolution, faces)| {
+            .enumerate()
+            .map(|(n, &(resolution, faces))| {
                 let room = plan.room(u64::from(scene.triangles), resolution, faces, limit);
-                ViewBuffers::new(gpu, scene.triangles, resolution, faces, room, plan.node_words())
+                ViewBuffers::new(gpu, scene.triangles, resolution, faces, room, plan.answers(n))
             })
             .collect();
         let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
@@ -104,6 +107,7 @@ impl Frame {
         let frame = Self {
             view_setup: ViewSetup::new(gpu),
             view_lists: ViewLists::new(gpu, plan.fast, largest),
+            depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_subpath: (plan.light_vertices > 1).then(|| LightSubpath::new(gpu, &with(visibility))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(&plan.light_flags)),
@@ -150,7 +154,7 @@ impl Frame {
             let look = if light.kind == 2 {
                 parallel(light.direction, scene.bounds, 0.0, None, self.views[0].resolution)
             } else {
-                perspective(light.position)
+                perspective(light.position, scene.sphere().1)
             };
             self.views[0].look(gpu, &look);
             self.fill(gpu, encoder, scene, 0);
@@ -211,18 +215,21 @@ impl Frame {
         let view = &self.views[view];
         view.reset(encoder, &self.empty_draw);
         self.view_setup.record(gpu, encoder, scene, view);
-        self.view_lists.record(gpu, encoder, view);
+        match (&view.depth_map, &self.depth_maps) {
+            (Some(map), Some(pass)) => pass.record(gpu, encoder, scene, view, map),
+            _ => self.view_lists.record(gpu, encoder, view),
+        }
     }
 
     /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
-        for (view, &[items, nodes]) in self.views.iter_mut().zip(needed) {
+        for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
             if items > view.item_room || nodes > view.node_room {
                 let more = |wanted: u64, room: u64| if wanted > room { wanted + wanted / 2 } else { room };
                 let room = [more(items, view.item_room), more(nodes, view.node_room)];
-                *view =
-                    ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, self.plan.node_words());
+                let answers = self.plan.answers(n);
+                *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, answers);
                 self.light_in_view = None;
             }
         }

@@ -6,6 +6,7 @@ use crate::gpu::Capabilities;
 use crate::layouts;
 use crate::scene::SceneStats;
 use crate::settings::{Settings, Strategies, Visibility};
+use crate::view::Answers;
 
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
@@ -177,9 +178,8 @@ impl FramePlan {
     #[must_use]
     pub fn room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> [u64; 2] {
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
-        let words = if self.fast { 3 } else { 2 };
         let guess = ((texels * 3 + triangles * 4) as f64 * f64::from(self.list_room)) as u64;
-        let nodes = guess.max(1).min((limit / 4 - texels) / words);
+        let nodes = guess.max(1).min((limit / 4 - texels) / self.node_words());
         [(triangles * 2 + 1024).min(limit / 16), nodes]
     }
 
@@ -187,6 +187,22 @@ impl FramePlan {
     #[must_use]
     pub fn node_words(&self) -> u64 {
         if self.fast { 3 } else { 2 }
+    }
+
+    /// Whether light vertices have depth maps instead of lists.
+    #[must_use]
+    pub fn has_depth_maps(&self) -> bool {
+        self.fast && self.light_vertices > 0
+    }
+
+    /// What answers for the n-th view.
+    #[must_use]
+    pub fn answers(&self, n: usize) -> Answers {
+        if self.has_depth_maps() && n < self.light_vertices as usize {
+            Answers::DepthMap
+        } else {
+            Answers::Lists { node_words: self.node_words() }
+        }
     }
 
     /// Whether shaders have code for lobes beside the diffuse one.
@@ -202,10 +218,15 @@ impl FramePlan {
         let views: u64 = self
             .views()
             .iter()
-            .map(|&(resolution, faces)| {
+            .enumerate()
+            .map(|(n, &(resolution, faces))| {
                 let [items, nodes] = self.room(triangles, resolution, faces, capabilities.max_binding_bytes);
                 let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
-                triangles * 48 + items * 16 + 4 * (texels + nodes * self.node_words())
+                let answers = match self.answers(n) {
+                    Answers::Lists { node_words } => 4 * (texels + nodes * node_words),
+                    Answers::DepthMap => 8 * texels,
+                };
+                triangles * 48 + items * 16 + answers
             })
             .sum();
         pixels * per_pixel + views
@@ -215,6 +236,7 @@ impl FramePlan {
         let mut out = Vec::new();
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let views = self.views().len() as u32;
+        let maps = if self.has_depth_maps() { self.light_vertices } else { 0 };
         let lights = stats.lights;
         pass(
             "view_setup",
@@ -223,8 +245,14 @@ impl FramePlan {
         );
         pass(
             "view_lists",
-            views,
-            "rasterizes each view; the light's own is kept while the light stays the same".to_owned(),
+            views - maps,
+            if maps > 0 { "the bundles" } else { "each view; the light's own is kept while the light stays the same" }.to_owned(),
+        );
+        pass(
+            "depth_maps",
+            maps,
+            if self.fast { "around light vertices; the light's own is kept while it stays the same" } else { "exact: lists" }
+                .to_owned(),
         );
         pass(
             "light_subpath",
@@ -292,7 +320,7 @@ impl fmt::Display for FramePlan {
             self.light_resolution,
             self.vpl_resolution,
             if self.fast {
-                "centre-sampled with depths (fast)"
+                "depth maps and centre-sampled lists (fast)"
             } else {
                 "conservative with exact intersection (exact)"
             }

@@ -10,6 +10,7 @@ use crate::lights::Lights;
 use crate::plan::FramePlan;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::Settings;
+use crate::view::Answers;
 
 /// Iterations between looks at the log.
 const BATCH: u32 = 8;
@@ -175,11 +176,11 @@ impl<'gpu> Renderer<'gpu> {
                 return Ok(());
             }
             let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
-            let words = self.plan.node_words();
-            for (&[_, nodes], &(resolution, faces)) in needed.iter().zip(&self.plan.views()) {
+            for (n, (&[_, nodes], &(resolution, faces))) in needed.iter().zip(&self.plan.views()).enumerate() {
+                let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
                 let bytes = 4
                     * (u64::from(resolution).pow(2) * u64::from(faces)
-                        + words * (u64::from(nodes) + u64::from(nodes) / 2));
+                        + node_words * (u64::from(nodes) + u64::from(nodes) / 2));
                 if bytes > limit {
                     return Err(RenderError::Setting(format!(
                         "a view of {resolution}^2 texels needs {nodes} list nodes, more than this device can bind; choose a smaller \

@@ -13,8 +13,10 @@ macro_rules! modules {
 
 modules!(
     "lib/bsdf",
+    "lib/depth_map",
     "lib/emission",
     "lib/eye",
+    "lib/footprint",
     "lib/frame",
     "lib/light_vertex",
     "lib/mis",
@@ -25,6 +27,7 @@ modules!(
     "visibility/raster",
     "accumulate",
     "connect",
+    "depth_maps",
     "extend",
     "eye_vertices",
     "gbuffer",

@@ -2,6 +2,7 @@
 
 pub mod accumulate;
 pub mod connect;
+pub mod depth_maps;
 pub mod extend;
 pub mod eye_vertices;
 pub mod gbuffer;
