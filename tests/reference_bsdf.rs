@@ -281,7 +281,7 @@ fn furnace(bsdf: &Bsdf, wo: Vec3, warps: [Warp; 2], bend: f32) -> [[f64; 3]; 2] 
         }
     }
     let mut integrated = [0.0_f64; 3];
-    let (rows, columns) = if warps[0].k < 1.0 { (600, 300) } else { (1200, 600) };
+    let (rows, columns) = (1200, 600);
     for (half, warp) in warps.iter().enumerate() {
         for i in 0..rows * columns {
             let [row, column] = [i / columns, i % columns].map(|i| f64::from(i) + 0.5);
@@ -317,7 +317,7 @@ fn energy() {
 /// Glass absorbs nothing but what single scattering drops: nothing where it is smooth, ever more where it is rougher and met at grazing angles.
 #[test]
 fn glass_keeps_light() {
-    for (alpha, least) in [(0.0, 1.0), (0.05, 0.93), (0.3, 0.73), (1.0, 0.4)] {
+    for (alpha, least) in [(0.0, 1.0), (0.05, 0.93), (0.3, 0.73), (1.0, 0.33)] {
         for eta in [1.5, 1.0 / 1.5] {
             for wo in observers() {
                 let bsdf =
