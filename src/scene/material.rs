@@ -53,6 +53,7 @@ pub enum Fresnel {
 ///
 /// Microfacet lobes are D G2 F / (4 cos cos), D of GGX and G2 the height-correlated Smith term, except where said.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few materials, and no list of bare models")]
 pub enum Bsdf {
     /// Lambertian: reflectance / pi.
     Diffuse {
