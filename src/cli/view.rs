@@ -45,11 +45,14 @@ impl ViewArgs {
         if settings.method == Method::Raster {
             scene = scene.without_glass();
         }
+        settings.camera = self.pick_camera(&scene)?;
+        self.place_camera(&mut scene, settings.camera)?;
+        if settings.method == Method::Raster && scene.cameras[settings.camera].lens.is_some() {
+            scene.warn("raster draws the camera as a pinhole, sharp everywhere");
+        }
         for warning in &scene.warnings {
             eprintln!("warning: {warning}");
         }
-        settings.camera = self.pick_camera(&scene)?;
-        self.place_camera(&mut scene, settings.camera)?;
         if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
             (settings.width, settings.height) = size;
         }
