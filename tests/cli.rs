@@ -186,6 +186,9 @@ fn bad_values_are_named() {
     bad(&["--eye", "1,2", "--target", "0,0,0"], "three numbers");
     bad(&["--eye", "1,2,3", "--target", "1,2,3"], "distance");
     bad(&["--fov", "180"], "--fov 180");
+    bad(&["--aperture", "-1"], "--aperture -1");
+    bad(&["--focus", "2"], "--focus: the camera is a pinhole");
+    bad(&["--aperture", "0.1"], "--aperture: the camera is a pinhole");
     bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
     assert!(folder.files().is_empty());
 }
@@ -324,6 +327,9 @@ fn reference_renders_without_a_gpu() {
     let moved = ["--eye", "-0.1,1,3", "--target=0,1,0", "--fov", "30"];
     assert!(first != rendered(&same, &[&reference[..], &moved].concat()));
     assert!(first == rendered(&same, &[&reference[..], &["--camera", "camera"]].concat()));
+    // A lens blurs; one without extent does not.
+    assert!(first != rendered(&same, &[&reference[..], &["--aperture", "0.1", "--focus", "3"]].concat()));
+    assert!(first == rendered(&same, &[&reference[..], &["--aperture", "0"]].concat()));
 }
 
 #[test]
