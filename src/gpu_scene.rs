@@ -41,7 +41,8 @@ pub struct GpuScene {
     pub environment: Option<GpuEnvironment>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
-    positions: wgpu::Buffer,
+    /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
+    pub positions: wgpu::Buffer,
     attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
@@ -130,7 +131,7 @@ impl GpuScene {
             bounds: geometry.bounds,
             environment,
             bytes,
-            positions: gpu.upload("positions", &positions),
+            positions: upload_positions(gpu, &positions),
             attributes: gpu.upload("attributes", &attributes),
             triangle_buffer: gpu.upload("triangles", &triangles),
             materials: gpu.upload("materials", &materials),
@@ -174,6 +175,14 @@ impl GpuScene {
         let radius = 0.5 * self.bounds[0].distance(self.bounds[1]);
         (0.5 * (self.bounds[0] + self.bounds[1]), if radius > 0.0 { radius } else { 1.0 })
     }
+}
+
+/// Acceleration structures are built from the same buffer, where the device has them.
+fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
+    if !gpu.capabilities.ray_queries {
+        return gpu.upload("positions", positions);
+    }
+    gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE)
 }
 
 fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, layers]: [u32; 3]) -> wgpu::Texture {

@@ -144,6 +144,18 @@ layouts! {
         triangle: u32,
     }
 
+    /// A question to ray queries.
+    struct RayQuestion in "ray_queries" {
+        position: [f32; 3],
+        own: u32,
+        towards: [f32; 3],
+        end: u32,
+        kind: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
+    }
+
     /// A vertex of the light subpath; the host only needs its size.
     struct LightVertex in "connect" {
         position: [f32; 3],

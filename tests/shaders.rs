@@ -64,13 +64,22 @@ fn sets<'a>(flags: &[&'a str]) -> Vec<Vec<&'a str>> {
         .collect()
 }
 
-/// Parses and validates WGSL as the program's device does: nothing beyond what every adapter has.
+/// Parses and validates WGSL as a device does that has nothing beyond what every adapter has.
 fn validate(wgsl: &str) -> Result<naga::Module, String> {
+    validate_with(wgsl, naga::valid::Capabilities::default())
+}
+
+fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<naga::Module, String> {
     let module = naga::front::wgsl::parse_str(wgsl).map_err(|e| e.emit_to_string(wgsl))?;
-    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default())
+    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities)
         .validate(&module)
         .map_err(|e| e.emit_to_string(wgsl))?;
     Ok(module)
+}
+
+/// Whether a pass asks ray queries.
+fn traces_rays(pass: &str, set: &[&str]) -> bool {
+    pass == "ray_queries" || set.contains(&"RAY_QUERY")
 }
 
 /// Modules with an entry point.
@@ -101,10 +110,17 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
         .collect();
     let distinct: BTreeMap<&String, &(&str, Vec<&str>)> = linked.iter().zip(&cases).collect();
     let distinct: Vec<_> = distinct.into_iter().collect();
-    distinct.par_iter().for_each(|(wgsl, (pass, set))| {
-        let module = validate(wgsl).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
+    let traces = distinct.par_iter().filter(|(wgsl, (pass, set))| {
+        // What asks no ray queries needs no capability; what does is refused without the one.
+        let traces = traces_rays(pass, set);
+        let ray_query = naga::valid::Capabilities::RAY_QUERY;
+        let capabilities = naga::valid::Capabilities::default() | if traces { ray_query } else { Default::default() };
+        let module = validate_with(wgsl, capabilities).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
         assert!(!module.entry_points.is_empty(), "{pass} with {set:?} has no entry point");
+        assert!(!traces || validate(wgsl).is_err(), "{pass} with {set:?} traces no rays");
+        traces
     });
+    assert!(traces.count() > 2);
     println!("{} sets of flags over {} passes, {} distinct shaders", cases.len(), passes.len(), distinct.len());
 
     // Nothing that any shader asks about is left out, and each flag changes something.

@@ -7,5 +7,6 @@ pub mod eye_vertices;
 pub mod gbuffer;
 pub mod light_subpath;
 pub mod queries;
+pub mod ray_queries;
 pub mod view_lists;
 pub mod view_setup;

@@ -28,6 +28,21 @@ pub fn gpu() -> Option<&'static Gpu> {
     .as_ref()
 }
 
+/// The same device with ray queries, opened once per test binary. Without them, says so and gives none; where `REQUIRE_GPU` is 1,
+/// fails instead.
+pub fn gpu_with_ray_queries() -> Option<&'static Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    GPU.get_or_init(|| match Gpu::with_ray_queries() {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            assert!(std::env::var("REQUIRE_GPU").as_deref() != Ok("1"), "REQUIRE_GPU is 1, but {error}");
+            println!("skipped: no ray queries ({error})");
+            None
+        }
+    })
+    .as_ref()
+}
+
 /// The folder of scenes and reference images beside the repository. Without it, says so and gives none.
 pub fn shared() -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared");
