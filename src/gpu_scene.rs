@@ -6,7 +6,9 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
-use crate::scene::{Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap};
+use crate::scene::{
+    Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap,
+};
 
 const NONE: u32 = u32::MAX;
 
@@ -17,6 +19,8 @@ const CULLED: u32 = 4;
 const MASKED: u32 = 8;
 const NONLINEAR: u32 = 16;
 const FRESNEL_NONE: u32 = 32;
+const SHEET: u32 = 64;
+const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
@@ -335,6 +339,16 @@ impl Atlas {
     }
 }
 
+/// Whether light passes anywhere on such a surface.
+#[must_use]
+pub fn transmits(bsdf: &Bsdf) -> bool {
+    match bsdf {
+        Bsdf::MetallicRoughness { transmission, .. } => transmission.factor > 0.0,
+        Bsdf::Dielectric { .. } => true,
+        _ => false,
+    }
+}
+
 /// As in lib/texture.wesl.
 fn wrap_code(wrap: Wrap) -> u32 {
     match wrap {
@@ -375,11 +389,12 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
         emission_texture: NONE,
         normal_texture: NONE,
         mask_texture: NONE,
+        transmission_texture: NONE,
         ..Default::default()
     };
     match &m.bsdf {
         Bsdf::Diffuse { reflectance } => (out.base, out.base_texture) = atlas.color(scene, reflectance),
-        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } => {
+        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, transmission } => {
             out.model = 1;
             (out.base, out.base_texture) = atlas.color(scene, base_color);
             (out.metallic, out.metallic_texture) = atlas.scalar(scene, metallic);
@@ -387,6 +402,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
             (out.specular_factor, out.specular_factor_texture) = atlas.scalar(scene, specular);
             (out.specular, out.specular_texture) = atlas.color(scene, specular_color);
             out.eta = [*ior; 3];
+            (out.transmission, out.transmission_texture) = atlas.scalar(scene, transmission);
         }
         Bsdf::Conductor { alpha, fresnel, specular } => {
             out.model = 2;
@@ -407,7 +423,13 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
                 out.flags |= NONLINEAR;
             }
         }
-        Bsdf::Dielectric { .. } => (),
+        Bsdf::Dielectric { alpha, eta, reflection, transmission } => {
+            out.model = 4;
+            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
+            (out.base, out.base_texture) = atlas.color(scene, reflection);
+            (out.specular, out.specular_texture) = atlas.color(scene, transmission);
+            out.eta = [*eta; 3];
+        }
     }
     if let Some(emission) = &m.emission {
         (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);
@@ -424,7 +446,16 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
         (out.mask_value, out.mask_texture) = atlas.scalar(scene, &mask.value);
         out.mask_cutoff = mask.cutoff;
     }
+    if transmits(&m.bsdf) {
+        out.flags |= TRANSMITS;
+        match m.boundary {
+            Boundary::Sheet => out.flags |= SHEET,
+            Boundary::Volume { absorption } => out.absorption = absorption.to_array(),
+        }
+    }
     out.flags |= match m.sides {
+        // What lets light pass does the same on both sides.
+        _ if transmits(&m.bsdf) => TWO_SIDED,
         Sides::Two => TWO_SIDED,
         Sides::One => 0,
         Sides::OneCulled => CULLED,

@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::renderer::{RenderStats, Renderer};
+use lightsheaf::renderer::{Progressive as _, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::Settings;
 
