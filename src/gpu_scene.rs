@@ -339,16 +339,6 @@ impl Atlas {
     }
 }
 
-/// Whether light passes anywhere on such a surface.
-#[must_use]
-pub fn transmits(bsdf: &Bsdf) -> bool {
-    match bsdf {
-        Bsdf::MetallicRoughness { transmission, .. } => transmission.factor > 0.0,
-        Bsdf::Dielectric { .. } => true,
-        _ => false,
-    }
-}
-
 /// As in lib/texture.wesl.
 fn wrap_code(wrap: Wrap) -> u32 {
     match wrap {
@@ -446,7 +436,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
         (out.mask_value, out.mask_texture) = atlas.scalar(scene, &mask.value);
         out.mask_cutoff = mask.cutoff;
     }
-    if transmits(&m.bsdf) {
+    if m.bsdf.transmits() {
         out.flags |= TRANSMITS;
         match m.boundary {
             Boundary::Sheet => out.flags |= SHEET,
@@ -455,7 +445,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
     }
     out.flags |= match m.sides {
         // What lets light pass does the same on both sides.
-        _ if transmits(&m.bsdf) => TWO_SIDED,
+        _ if m.bsdf.transmits() => TWO_SIDED,
         Sides::Two => TWO_SIDED,
         Sides::One => 0,
         Sides::OneCulled => CULLED,

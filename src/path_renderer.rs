@@ -8,7 +8,7 @@
 use crate::acceleration::Acceleration;
 use crate::film::Film;
 use crate::gpu::{Gpu, GpuError, read_back};
-use crate::gpu_scene::{GpuScene, transmits};
+use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera_and_sky;
 use crate::layouts;
 use crate::light_table::LightTable;
@@ -230,7 +230,7 @@ pub fn flags(scene: &Scene, stats: &SceneStats, both_sides: bool) -> Vec<&'stati
         ("VERTEX_COLORS", stats.vertex_colors),
         ("GLOSSY", glossy),
         ("SPECULAR", glossy),
-        ("TRANSMISSION", glossy && scene.materials.iter().any(|m| transmits(&m.bsdf))),
+        ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
         ("MASKS", stats.masked_triangles > 0),
         ("EMISSION", stats.emissive_triangles > 0),
         ("ENVIRONMENT", stats.environment),

@@ -24,6 +24,12 @@ pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
 /// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
 pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
 
+/// Metres of a lens's radius; 0 is a pinhole.
+pub const APERTURES: RangeInclusive<f32> = 0.0..=1000.0;
+
+/// Metres to the plane of focus.
+pub const FOCUSES: RangeInclusive<f32> = 1e-3..=1e6;
+
 /// Seconds of a budget: up to a week.
 pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 
@@ -160,6 +166,12 @@ pub struct Settings {
     /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
     #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
     pub list_room: f32,
+    /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
+    pub aperture: Option<f32>,
+    /// Distance along the view to the plane that is sharp, in metres, 0.001 to 1000000 [default: the camera's own]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
+    pub focus: Option<f32>,
     /// Index of the camera in the scene.
     #[arg(skip = Self::default().camera)]
     pub camera: usize,
@@ -187,6 +199,8 @@ impl Default for Settings {
             vpl_resolution: None,
             paper_clamp: 0.05,
             list_room: 1.0,
+            aperture: None,
+            focus: None,
             camera: 0,
         }
     }
@@ -238,6 +252,12 @@ impl Settings {
         }
         if !(0.0..=1.0).contains(&paper_clamp) {
             return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
+        }
+        if let Some(metres) = self.aperture.filter(|a| !APERTURES.contains(a)) {
+            return wrong("--aperture", &metres, format!("has to be {} metres", span(&APERTURES)));
+        }
+        if let Some(metres) = self.focus.filter(|f| !FOCUSES.contains(f)) {
+            return wrong("--focus", &metres, format!("has to be {} metres", span(&FOCUSES)));
         }
         for (option, resolution) in self.resolutions() {
             if let Some(texels) = resolution.filter(|r| !RESOLUTIONS.contains(r)) {
@@ -319,6 +339,7 @@ mod tests {
             Settings { method: Method::RayQuery, beta: Some(1.0), ..base.clone() },
             Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
+            Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
         ];
         for settings in good {
             assert_eq!(settings.check(), Ok(()), "{settings:?}");
@@ -338,7 +359,10 @@ mod tests {
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
             ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),
-            ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base }),
+            ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base.clone() }),
+            ("--aperture", Settings { aperture: Some(-0.1), ..base.clone() }),
+            ("--aperture", Settings { aperture: Some(f32::NAN), ..base.clone() }),
+            ("--focus", Settings { focus: Some(0.0), ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { visibility: Visibility::Fast, ..reference.clone() }),

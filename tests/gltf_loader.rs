@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use base64::Engine as _;
 use glam::{Vec2, Vec3, Vec4};
-use lightsheaf::scene::{self, Bsdf, Geometry, Light, Projection, Scene, Sides};
+use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Projection, Scene, Sides};
 use serde_json::{Value, json};
 
 /// No file may take longer.
@@ -406,15 +406,19 @@ fn skins_and_morph_targets_are_applied() {
     draft.refused("skin_joint.gltf", "accessors[", "follows joint 1 of 1");
 }
 
+/// A grey picture of one pixel.
+fn bmp() -> Vec<u8> {
+    let mut bmp = b"BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\x01\0\0\0\x01\0\0\0\x01\0\x18\0".to_vec();
+    bmp.resize(0x36, 0);
+    bmp.extend([128, 128, 128, 0]);
+    bmp
+}
+
 #[test]
 fn materials_say_what_the_file_says() {
     let mut draft = Draft::triangle();
     draft.attribute("TEXCOORD_0", "VEC2", &[0., 0., 1., 0., 0., 1.]);
-    // A grey 1x1 BMP.
-    let mut bmp = b"BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\x01\0\0\0\x01\0\0\0\x01\0\x18\0".to_vec();
-    bmp.resize(0x36, 0);
-    bmp.extend([128, 128, 128, 0]);
-    let view = draft.view(&bmp);
+    let view = draft.view(&bmp());
     draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
     draft.json["samplers"] = json!([{ "magFilter": 9728, "wrapS": 33071, "wrapT": 33648 }]);
     draft.json["textures"] = json!([{ "source": 0, "sampler": 0 }]);
@@ -473,6 +477,62 @@ fn materials_say_what_the_file_says() {
     draft.data[offset as usize] = 0;
     draft.json["materials"][0]["emissiveTexture"] = json!({ "index": 0 });
     draft.refused("image.gltf", "images[0]", "the image");
+}
+
+#[test]
+fn transmission_and_volumes_are_read() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    draft.json["extensionsUsed"] =
+        json!(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"]);
+    draft.json["extensionsRequired"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
+    let glass =
+        |extensions: Value| json!([{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": extensions }]);
+    let transmission = json!({ "transmissionFactor": 0.8, "transmissionTexture": { "index": 0 } });
+    let mut volume = json!({ "thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1] });
+    let all = |volume: &Value| {
+        glass(json!({ "KHR_materials_transmission": transmission, "KHR_materials_volume": volume,
+                      "KHR_materials_ior": { "ior": 1.33 } }))
+    };
+    let view = draft.view(&bmp());
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["textures"] = json!([{ "source": 0 }]);
+    draft.json["materials"] = all(&volume);
+    let scene = draft.load("volume.gltf");
+    let material = &scene.materials[0];
+    let Bsdf::MetallicRoughness { transmission: share, ior, .. } = material.bsdf else { panic!("{material:?}") };
+    let (texture, channel) = share.texture.expect("a texture");
+    assert_eq!((share.factor, channel, ior, scene.textures[texture.texture].srgb), (0.8, 0, 1.33, false));
+    assert!(material.bsdf.transmits() && material.sides == Sides::Two);
+    // White turns into the colour over the distance.
+    let Boundary::Volume { absorption } = material.boundary else { panic!("{material:?}") };
+    assert!((-absorption * 0.5).exp().abs_diff_eq(Vec3::new(0.25, 0.5, 1.0), 1e-6), "{absorption}");
+    assert!(warned(&scene, "KHR_materials_diffuse_transmission is not supported"));
+    for part in ["KHR_materials_transmission", "KHR_materials_volume"] {
+        assert!(!warned(&scene, part), "{:?}", scene.warnings);
+    }
+
+    volume["thicknessTexture"] = json!({ "index": 0 });
+    volume["attenuationColor"] = json!([0, 1, 1]);
+    draft.json["materials"] = all(&volume);
+    let scene = draft.load("thickness.gltf");
+    assert!(warned(&scene, "thickness textures"), "{:?}", scene.warnings);
+    let Boundary::Volume { absorption } = scene.materials[0].boundary else { panic!("a volume") };
+    assert!(absorption.is_finite() && absorption.x > 100.0 && absorption.y == 0.0, "{absorption}");
+
+    volume["attenuationDistance"] = json!(0);
+    draft.json["materials"] = all(&volume);
+    draft.refused("attenuation.gltf", "materials[0]", "attenuationDistance");
+    // Without thickness, or without the extension, it is a sheet.
+    for volume in [json!({ "attenuationDistance": 1 }), json!({ "thicknessFactor": 0 })] {
+        draft.json["materials"] = all(&volume);
+        assert_eq!(draft.load("sheet.gltf").materials[0].boundary, Boundary::Sheet);
+    }
+    draft.json["materials"] = glass(json!({ "KHR_materials_transmission": transmission }));
+    let scene = draft.load("thin.gltf");
+    assert!(scene.materials[0].boundary == Boundary::Sheet && scene.materials[0].bsdf.transmits());
+    draft.json["materials"] = glass(json!({}));
+    assert!(!draft.load("opaque.gltf").materials[0].bsdf.transmits());
 }
 
 #[test]

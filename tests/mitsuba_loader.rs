@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use common::shared;
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Light, Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
-    mitsuba,
+    Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Projection, Rows, Scene, Sides,
+    SpotFalloff, Wrap, mitsuba,
 };
 
 /// A fresh folder for a test's files.
@@ -396,6 +396,61 @@ fn bsdfs_become_the_model() {
 }
 
 #[test]
+fn glass_becomes_the_model() {
+    let material = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials.remove(0);
+    let glass = material(r#"<bsdf type="dielectric"/>"#);
+    let Bsdf::Dielectric { alpha, eta, reflection, transmission } = glass.bsdf else { panic!("not glass") };
+    // BK7 in air.
+    assert!((eta - 1.5046 / 1.000_277).abs() < 1e-6 && alpha.factor == 0.0);
+    assert_eq!((reflection.factor, transmission.factor), (Vec3::ONE, Vec3::ONE));
+    assert_eq!(glass.boundary, Boundary::Volume { absorption: Vec3::ZERO });
+    assert_eq!(glass.alpha_mask, None);
+
+    let rough = r#"<bsdf type="roughdielectric"><float name="alpha" value="0.3"/><string name="int_ior" value="water"/>
+        <float name="ext_ior" value="1"/><rgb name="specular_reflectance" value="0.9, 0.8, 0.7"/>
+        <rgb name="specular_transmittance" value="0.1, 0.2, 0.3"/><string name="distribution" value="DISTRIBUTION"/></bsdf>"#;
+    let scene = scene(&format!("<shape type=\"rectangle\">{}</shape>", rough.replace("DISTRIBUTION", "ggx")));
+    let Bsdf::Dielectric { alpha, eta, reflection, transmission } = scene.materials[0].bsdf else {
+        panic!("not glass")
+    };
+    assert_eq!((alpha.factor, eta), (0.3, 1.333));
+    assert_eq!((reflection.factor, transmission.factor), (Vec3::new(0.9, 0.8, 0.7), Vec3::new(0.1, 0.2, 0.3)));
+    assert_eq!(scene.warnings, Vec::<String>::new());
+
+    let thin = material(r#"<bsdf type="thindielectric"><float name="int_ior" value="1.8"/></bsdf>"#);
+    assert_eq!(thin.boundary, Boundary::Sheet);
+    assert!(matches!(thin.bsdf, Bsdf::Dielectric { eta, .. } if (eta - 1.8 / 1.000_277).abs() < 1e-6));
+    // Nothing is cut out of glass but what a mask cuts out; of `null`, all is.
+    assert_eq!(material(r#"<bsdf type="null"/>"#).alpha_mask.map(|m| m.value.factor), Some(0.0));
+    let masked = material(r#"<bsdf type="mask"><float name="opacity" value="1"/><bsdf type="dielectric"/></bsdf>"#);
+    assert_eq!(masked.alpha_mask.map(|m| m.value.factor), Some(1.0));
+
+    let text = format!("<shape type=\"rectangle\">{}</shape>", rough.replace("DISTRIBUTION", "beckmann"));
+    assert!(crate::scene(&text).warnings[0].contains("GGX"));
+}
+
+#[test]
+fn thin_lenses_are_read_in_both_dialects() {
+    let lens = |version: &str, body: &str| {
+        let text = format!(r#"<sensor type="thinlens">{body}</sensor>"#);
+        let mut scene = scene_in(&folder(), version, &text);
+        assert_eq!(scene.warnings, Vec::<String>::new());
+        scene.cameras.remove(0).lens
+    };
+    let body = r#"<float name="aperture_radius" value="0.1"/><float name="focus_distance" value="3"/>"#;
+    assert_eq!(lens("3.0.0", body), Some(Lens { radius: 0.1, focus: 3.0 }));
+    let body = r#"<float name="apertureRadius" value="0.1"/><float name="focusDistance" value="3"/>"#;
+    assert_eq!(lens("0.6.0", body), Some(Lens { radius: 0.1, focus: 3.0 }));
+    // Mitsuba focuses on the far plane unless told.
+    let body = r#"<float name="aperture_radius" value="0.1"/>"#;
+    assert_eq!(lens("3.0.0", body), Some(Lens { radius: 0.1, focus: 1e4 }));
+    let far = r#"<float name="far_clip" value="50"/>"#;
+    assert_eq!(lens("3.0.0", &format!("{body}{far}")), Some(Lens { radius: 0.1, focus: 50.0 }));
+    assert_eq!(lens("3.0.0", r#"<float name="aperture_radius" value="0"/>"#), None);
+    assert_eq!(scene(r#"<sensor type="perspective"/>"#).cameras[0].lens, None);
+}
+
+#[test]
 fn sides_and_emission_belong_to_the_shape() {
     let scene = scene(
         r#"<bsdf type="diffuse" id="one"/><bsdf type="twosided" id="two"><ref id="one"/></bsdf>
@@ -595,14 +650,14 @@ fn an_envmap_turns_with_its_transform() {
 fn what_is_not_supported_is_said_once_and_replaced() {
     let scene = scene(
         r#"<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>
-           <sensor type="thinlens"><float name="aperture_radius" value="0.1"/></sensor>
+           <sensor type="perspective_rdist"/>
            <sensor type="irradiancemeter"/>
            <medium type="homogeneous"/>
            <emitter type="sunsky"/>
            <emitter type="projector"/>
-           <bsdf type="dielectric" id="glass"/>
-           <shape type="rectangle"><ref id="glass"/></shape>
-           <shape type="cube"><ref id="glass"/></shape>
+           <bsdf type="null" id="hole"/>
+           <shape type="rectangle"><ref id="hole"/></shape>
+           <shape type="cube"><ref id="hole"/></shape>
            <shape type="rectangle"><bsdf type="roughconductor"><string name="material" value="Unobtainium"/>
              <string name="distribution" value="ggx"/></bsdf></shape>
            <shape type="rectangle"><bsdf type="hair"/></shape>
@@ -614,12 +669,11 @@ fn what_is_not_supported_is_said_once_and_replaced() {
     );
     for (i, text) in [
         "hide_emitters",
-        "pinhole",
+        "without distortion",
         "irradiancemeter",
         "homogeneous",
         "constant sky",
         "projector",
-        "glass is not supported",
         "Unobtainium",
         "hair",
         "sparkle",
@@ -633,8 +687,8 @@ fn what_is_not_supported_is_said_once_and_replaced() {
         let count = scene.warnings.iter().filter(|w| w.contains(text)).count();
         assert_eq!(count, 1, "{i}: `{text}` is said {count} times in {:#?}", scene.warnings);
     }
-    assert_eq!(scene.warnings.len(), 13, "{:#?}", scene.warnings);
-    assert_eq!(scene.materials[0].alpha_mask.map(|m| m.value.factor), Some(0.0), "light passes glass");
+    assert_eq!(scene.warnings.len(), 12, "{:#?}", scene.warnings);
+    assert_eq!(scene.materials[0].alpha_mask.map(|m| m.value.factor), Some(0.0), "light passes");
     assert_eq!(scene.materials.last().unwrap().name, "heavy");
     assert_eq!((scene.cameras.len(), scene.environment.is_some()), (1, true));
 }

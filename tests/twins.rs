@@ -604,7 +604,7 @@ fn spots() {
                 .zip(&directions)
                 .map(|(a, &d)| {
                     // At a metre's distance irradiance is intensity.
-                    let sample = reference.sample(Group::Delta, d, -d, Vec2::splat(0.5), &geometry, None);
+                    let sample = reference.sample(Group::Delta, d, Some(-d), Vec2::splat(0.5), &geometry, None);
                     (a.value.truncate(), sample.map_or(Vec3::ZERO, |s| s.weight), format!("{d}"))
                 })
                 .collect();

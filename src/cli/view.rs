@@ -1,10 +1,10 @@
 //! What `render` and `plan` share: which scene, seen from where, with which settings.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
 use lightsheaf::scene::{self, FovAxis, Projection, Scene};
-use lightsheaf::settings::Settings;
+use lightsheaf::settings::{Method, Settings};
 
 /// Scene, camera and settings.
 #[derive(clap::Args)]
@@ -42,6 +42,9 @@ impl ViewArgs {
         // Before a large scene is loaded for nothing.
         settings.check()?;
         let mut scene = scene::load(&self.scene)?;
+        if settings.method == Method::Raster {
+            scene = scene.without_glass();
+        }
         for warning in &scene.warnings {
             eprintln!("warning: {warning}");
         }
@@ -79,6 +82,11 @@ impl ViewArgs {
             }
             camera.projection = Projection::Perspective { fov: degrees.to_radians(), axis: FovAxis::Smaller };
         }
+        let Settings { aperture, focus, .. } = self.settings;
+        *camera = camera.clone().with_lens(aperture, focus).map_err(|cause| {
+            let option = if aperture.is_some() { "--aperture" } else { "--focus" };
+            anyhow!("{option}: {cause}")
+        })?;
         Ok(())
     }
 }

@@ -2,7 +2,8 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use crate::scene::{Camera, Projection};
+use super::sampler::{Sampler, concentric_disk};
+use crate::scene::{Camera, Lens, Projection};
 
 /// A camera at one image size.
 pub struct Rays {
@@ -10,6 +11,7 @@ pub struct Rays {
     half_extent: Vec2,
     size: Vec2,
     parallel: bool,
+    lens: Option<Lens>,
 }
 
 impl Rays {
@@ -21,16 +23,24 @@ impl Rays {
             half_extent: camera.half_extent(width, height),
             size: Vec2::new(width as f32, height as f32),
             parallel: matches!(camera.projection, Projection::Orthographic { .. }),
+            lens: camera.lens.filter(|lens| lens.radius > 0.0),
         }
     }
 
-    /// Origin and unit direction in the world, for a point in pixels from the upper left corner.
+    /// Origin and unit direction in the world, for a point in pixels from the upper left corner; through a lens, from a random
+    /// point of it towards what the pinhole's ray meets on the plane of focus.
     #[must_use]
-    pub fn ray(&self, pixel: Vec2) -> (Vec3, Vec3) {
+    pub fn ray(&self, pixel: Vec2, sampler: &mut Sampler) -> (Vec3, Vec3) {
         let ndc = pixel / self.size * 2.0 - 1.0;
         let plane = Vec2::new(ndc.x, -ndc.y) * self.half_extent;
-        let (origin, direction) =
-            if self.parallel { (plane.extend(0.0), Vec3::NEG_Z) } else { (Vec3::ZERO, plane.extend(-1.0)) };
+        let (origin, direction) = match self.lens {
+            _ if self.parallel => (plane.extend(0.0), Vec3::NEG_Z),
+            None => (Vec3::ZERO, plane.extend(-1.0)),
+            Some(Lens { radius, focus }) => {
+                let start = concentric_disk(sampler.pair()) * radius;
+                (start.extend(0.0), (plane * focus - start).extend(-focus))
+            }
+        };
         (
             self.world_from_camera.transform_point3(origin),
             self.world_from_camera.transform_vector3(direction).normalize(),

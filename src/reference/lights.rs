@@ -145,13 +145,14 @@ impl Lights {
         if pdf_a > 0.0 { pdf_a * distance * distance / cos } else { 0.0 }
     }
 
-    /// A direction from a receiver with a shading normal towards a light of a group; none where the light does not shine there.
+    /// A direction from a receiver towards a light of a group; none where the light does not shine there. `facing` is the shading
+    /// normal of a receiver that takes light from one side only.
     #[must_use]
     pub fn sample(
         &self,
         group: Group,
         from: Vec3,
-        normal: Vec3,
+        facing: Option<Vec3>,
         u: Vec2,
         geometry: &Geometry,
         sky: Option<&Sky>,
@@ -162,7 +163,7 @@ impl Lights {
         };
         match group {
             Group::Delta => {
-                let (index, probability) = self.choose_delta(from, normal, u.x)?;
+                let (index, probability) = self.choose_delta(from, facing, u.x)?;
                 let (direction, target, irradiance) = delta(&self.delta[index], from)?;
                 Some(LightSample { direction, target, weight: irradiance / probability, pdf_w: None })
             }
@@ -190,7 +191,7 @@ impl Lights {
 
 impl Lights {
     /// A light without extent and its probability.
-    fn choose_delta(&self, from: Vec3, normal: Vec3, u: f32) -> Option<(usize, f32)> {
+    fn choose_delta(&self, from: Vec3, facing: Option<Vec3>, u: f32) -> Option<(usize, f32)> {
         let count = self.delta.len();
         if count == 1 {
             return Some((0, 1.0));
@@ -203,7 +204,7 @@ impl Lights {
         let mut total = 0.0;
         for (gift, light) in gifts.iter_mut().zip(&self.delta) {
             if let Some((direction, _, irradiance)) = delta(light, from) {
-                let expected = irradiance.dot(LUMINANCE) * direction.dot(normal).max(0.0);
+                let expected = irradiance.dot(LUMINANCE) * facing.map_or(1.0, |normal| direction.dot(normal).max(0.0));
                 // What is not a number must be met sometimes, to be seen.
                 *gift = if expected.is_finite() { expected } else { 1.0 };
                 total += *gift;

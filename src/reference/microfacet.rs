@@ -4,9 +4,6 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-/// Narrowest lobe: nearly a mirror. Real mirrors are not sampled as such yet.
-pub const MIN_ALPHA: f32 = 1e-3;
-
 /// D of a half vector, z > 0. Written in x and y, which keep their digits where z rounds to 1.
 #[must_use]
 pub fn d(h: Vec3, alpha: f32) -> f32 {
@@ -15,7 +12,7 @@ pub fn d(h: Vec3, alpha: f32) -> f32 {
     1.0 / (PI * a2 * s * s)
 }
 
-/// Smith's Lambda of a direction, z > 0.
+/// Smith's Lambda of a direction, on either side.
 fn lambda(w: Vec3, alpha: f32) -> f32 {
     let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
@@ -50,6 +47,20 @@ pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
     Vec3::new(h.x * alpha, h.y * alpha, h.z.max(0.0)).normalize()
 }
 
+/// Cosine of the refracted direction beyond a facet, where the index of refraction is `eta` relative to this side; 0 where all is
+/// reflected.
+#[must_use]
+pub fn refracted_cos(cos: f32, eta: f32) -> f32 {
+    (1.0 - (1.0 - cos * cos) / (eta * eta)).max(0.0).sqrt()
+}
+
+/// The direction beyond a facet from which light is refracted towards `wo` (Snell's law).
+#[must_use]
+pub fn refract(wo: Vec3, h: Vec3, eta: f32) -> Vec3 {
+    let cos = wo.dot(h);
+    h * (cos / eta - refracted_cos(cos, eta)) - wo / eta
+}
+
 /// (1 - cos)^5 of Schlick's approximation.
 #[must_use]
 pub fn schlick_weight(cos: f32) -> f32 {
@@ -60,11 +71,10 @@ pub fn schlick_weight(cos: f32) -> f32 {
 /// Reflectance of a smooth dielectric for unpolarized light; `eta` relative to the side of the light, `cos` on that side.
 #[must_use]
 pub fn fresnel_dielectric(cos: f32, eta: f32) -> f32 {
-    let sin2_t = (1.0 - cos * cos) / (eta * eta);
-    if sin2_t >= 1.0 {
+    let cos_t = refracted_cos(cos, eta);
+    if cos_t == 0.0 {
         return 1.0;
     }
-    let cos_t = (1.0 - sin2_t).sqrt();
     let parallel = (eta * cos - cos_t) / (eta * cos + cos_t);
     let perpendicular = (cos - eta * cos_t) / (cos + eta * cos_t);
     0.5 * (parallel * parallel + perpendicular * perpendicular)

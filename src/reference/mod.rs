@@ -1,8 +1,9 @@
 //! The judge: a CPU path tracer that shares no code with the GPU side.
 //!
 //! Unidirectional paths with next-event estimation, multiple importance sampling and Russian roulette over every material and
-//! light of [`crate::scene`]. Unbiased but for the clamp of GGX widths at [`microfacet::MIN_ALPHA`], f32 rounding, and a step
-//! of 1e-6 of a coordinate's size off the surface. The same settings give the same image on any number of threads.
+//! light of [`crate::scene`]. GGX widths below [`crate::scene::SMOOTH`] are perfect mirrors and windows. Unbiased but for f32
+//! rounding and a step of 1e-6 of a coordinate's size off the surface. The same settings give the same image on any number of
+//! threads.
 //!
 //! [`Reference`] is built once per scene; [`Reference::render`] makes images, [`Reference::closest_hit`] and
 //! [`Reference::occluded`] answer single rays for tests of other visibility methods.
@@ -119,7 +120,7 @@ impl<'s> Reference<'s> {
                     for sample in 0..samples {
                         let mut sampler = Sampler::new(settings.seed, y * width + x, sample);
                         let at = Vec2::new(x as f32, y as f32) + sampler.pair();
-                        let (origin, direction) = rays.ray(at);
+                        let (origin, direction) = rays.ray(at, &mut sampler);
                         let path = self.path(origin, direction, settings.bounces, &mut sampler);
                         tile.non_finite += u64::from(!path.radiance.is_finite());
                         tile.rays += u64::from(path.rays);

@@ -5,6 +5,8 @@
 //! 10 % less error than ever higher dimensions of one sequence, whose projections are poor (area light and sky; a point light
 //! is 3 % worse).
 
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
+
 use glam::Vec2;
 use sobol_burley::sample_4d;
 
@@ -37,6 +39,20 @@ impl Sampler {
         self.spare = Some(Vec2::new(c, d));
         Vec2::new(a, b)
     }
+}
+
+/// Uniform points of the unit disk, by the concentric map of Shirley and Chiu, which keeps strata compact.
+#[must_use]
+pub fn concentric_disk(u: Vec2) -> Vec2 {
+    let p = 2.0 * u - 1.0;
+    let (r, phi) = if p.x.abs() > p.y.abs() {
+        (p.x, FRAC_PI_4 * (p.y / p.x))
+    } else if p.y != 0.0 {
+        (p.y, FRAC_PI_2 - FRAC_PI_4 * (p.x / p.y))
+    } else {
+        (0.0, 0.0)
+    };
+    Vec2::from_angle(phi) * r
 }
 
 /// A bijective mix of 32 bits (Chris Wellons' `lowbias32`).

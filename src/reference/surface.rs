@@ -6,7 +6,7 @@ use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::texture::Textures;
 use crate::scene::geometry::Vertex;
-use crate::scene::{Geometry, Material, NormalMap, Scene, Sides};
+use crate::scene::{Boundary, Geometry, Material, NormalMap, Scene, Sides};
 
 /// An orthonormal frame around a shading normal.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +18,9 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// The axes.
+    pub const UP: Self = Self { x: Vec3::X, y: Vec3::Y, z: Vec3::Z };
+
     /// A frame around a unit vector (Duff et al., JCGT 2017).
     #[must_use]
     pub fn new(z: Vec3) -> Self {
@@ -60,6 +63,24 @@ pub struct Surface<'s> {
     pub vertex_color: Vec3,
     /// The material's index and itself.
     pub material: (usize, &'s Material),
+}
+
+impl Surface<'_> {
+    /// What is absorbed per metre before and beyond the surface, for a viewer who believes to be in a medium.
+    #[must_use]
+    pub fn media(&self, viewer: Vec3) -> [Vec3; 2] {
+        let (_, material) = self.material;
+        match material.boundary {
+            Boundary::Volume { absorption } if material.bsdf.transmits() => {
+                if self.front {
+                    [viewer, absorption]
+                } else {
+                    [absorption, Vec3::ZERO]
+                }
+            }
+            _ => [viewer; 2],
+        }
+    }
 }
 
 /// Triangles and materials, ready for hits.
@@ -165,13 +186,12 @@ impl<'s> Surfaces<'s> {
         }
     }
 
-    /// How a surface reflects; none where it is black.
+    /// What a surface does with light; none where it is black.
     #[must_use]
     pub fn bsdf(&self, surface: &Surface) -> Option<Bsdf> {
         let (index, material) = surface.material;
-        let reflects = surface.front || material.sides == Sides::Two;
-        reflects
-            .then(|| Bsdf::new(&material.bsdf, self.prepared[index], &self.textures, surface.uvs, surface.vertex_color))
+        let counts = surface.front || material.sides == Sides::Two || material.bsdf.transmits();
+        counts.then(|| Bsdf::new(material, self.prepared[index], &self.textures, surface))
     }
 }
 

@@ -70,6 +70,27 @@ impl Camera {
         Some(Self { world_from_camera: Affine3A::from_mat3_translation(axes, eye), ..self })
     }
 
+    /// The camera with another lens, or with its own where nothing else is asked for: the radius of its aperture and the distance
+    /// of its focus in metres. A radius of 0 makes it a pinhole.
+    ///
+    /// # Errors
+    /// Why there cannot be such a lens.
+    pub fn with_lens(self, radius: Option<f32>, focus: Option<f32>) -> Result<Self, &'static str> {
+        let own = self.lens;
+        let lens = match (radius.or(own.map(|l| l.radius)), focus.or(own.map(|l| l.focus))) {
+            (None, Some(_)) => {
+                return Err("the camera is a pinhole, which is sharp everywhere: it needs an aperture, too");
+            }
+            (None | Some(0.0), _) => None,
+            (Some(_), _) if matches!(self.projection, Projection::Orthographic { .. }) => {
+                return Err("the camera is parallel and has no lens");
+            }
+            (Some(_), None) => return Err("the camera is a pinhole without a focus of its own: it needs one, too"),
+            (Some(radius), Some(focus)) => Some(Lens { radius, focus }),
+        };
+        Ok(Self { lens, ..self })
+    }
+
     /// Half extents of the image plane: at distance 1 for a pinhole (tangents), in metres for a parallel camera.
     ///
     /// A parallel camera keeps its half height and takes its half width from the image's aspect.
@@ -93,5 +114,40 @@ impl Camera {
             }
             Projection::Orthographic { half_extent } => Vec2::new(half_extent.y * aspect, half_extent.y),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lens_is_the_camera_s_own_or_another() {
+        let camera = |lens, projection| Camera {
+            name: String::new(),
+            world_from_camera: Affine3A::IDENTITY,
+            projection,
+            lens,
+            film_size: None,
+        };
+        let perspective = Projection::Perspective { fov: 1.0, axis: FovAxis::X };
+        let pinhole = camera(None, perspective);
+        let lens = camera(Some(Lens { radius: 0.1, focus: 2.0 }), perspective);
+        let parallel = camera(None, Projection::Orthographic { half_extent: Vec2::ONE });
+        let on = |camera: &Camera, radius, focus| {
+            camera.clone().with_lens(radius, focus).map(|camera| camera.lens.map(|l| (l.radius, l.focus)))
+        };
+        assert_eq!(on(&pinhole, None, None), Ok(None));
+        assert_eq!(on(&lens, None, None), Ok(Some((0.1, 2.0))));
+        assert_eq!(on(&pinhole, Some(0.3), Some(4.0)), Ok(Some((0.3, 4.0))));
+        assert_eq!(on(&lens, Some(0.3), None), Ok(Some((0.3, 2.0))));
+        assert_eq!(on(&lens, None, Some(4.0)), Ok(Some((0.1, 4.0))));
+        for camera in [&pinhole, &lens, &parallel] {
+            assert_eq!(on(camera, Some(0.0), None), Ok(None));
+        }
+        assert_eq!(on(&parallel, None, None), Ok(None));
+        assert!(on(&pinhole, None, Some(4.0)).is_err());
+        assert!(on(&pinhole, Some(0.3), None).is_err());
+        assert!(on(&parallel, Some(0.3), Some(4.0)).is_err());
     }
 }

@@ -53,6 +53,7 @@ pub enum Fresnel {
 ///
 /// Microfacet lobes are D G2 F / (4 cos cos), D of GGX and G2 the height-correlated Smith term, except where said.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few materials, and no list of bare models")]
 pub enum Bsdf {
     /// Lambertian: reflectance / pi.
     Diffuse {
@@ -115,13 +116,26 @@ pub enum Bsdf {
     },
 }
 
+impl Bsdf {
+    /// Whether light passes anywhere on such a surface. Such a surface counts on both sides, whatever [`Sides`] says.
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        match self {
+            Self::MetallicRoughness { transmission, .. } => transmission.factor > 0.0,
+            Self::Dielectric { .. } => true,
+            _ => false,
+        }
+    }
+}
+
 /// GGX widths below this are perfect mirrors and windows, wherever a method can follow them.
 pub const SMOOTH: f32 = 1e-3;
 
 /// What lies behind a surface that light passes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Boundary {
-    /// The same as in front: a thin sheet. Light goes straight on; inner reflections of a smooth one are summed.
+    /// The same as in front: a thin sheet. Light goes straight on, a rough lobe is the reflection's, mirrored. Inner reflections
+    /// of a smooth [`Bsdf::Dielectric`] are summed.
     Sheet,
     /// A homogeneous medium that absorbs: transmittance exp(-absorption d) over d metres (KHR_materials_volume).
     Volume {

@@ -64,4 +64,34 @@ impl Scene {
             self.warnings.push(warning);
         }
     }
+
+    /// The scene for a method that cannot follow light through surfaces: glass is left out, so that light passes unbent, and
+    /// glTF's transmission is opaque. One warning for each names the materials.
+    #[must_use]
+    pub fn without_glass(mut self) -> Self {
+        let glass = |material: &Material| matches!(material.bsdf, Bsdf::Dielectric { .. });
+        let shown = |test: &dyn Fn(&Material) -> bool| {
+            let mut used: Vec<usize> = self.instances.iter().map(|i| self.meshes[i.mesh].material).collect();
+            used.sort_unstable();
+            used.dedup();
+            let used = used.into_iter().map(|m| &self.materials[m]).filter(|m| test(m));
+            used.map(|m| format!("`{}`", m.name)).collect::<Vec<_>>().join(", ")
+        };
+        let methods = "`--method ray-query` and `reference` let light pass";
+        let [left_out, opaque] = [shown(&glass), shown(&|m| !glass(m) && m.bsdf.transmits())];
+        if !left_out.is_empty() {
+            self.warn(format!("surfaces of glass are left out: {left_out}; {methods} as it should"));
+        }
+        if !opaque.is_empty() {
+            self.warn(format!("transmission is rendered opaque: {opaque}; {methods}"));
+        }
+        let (meshes, materials) = (&self.meshes, &self.materials);
+        self.instances.retain(|i| !glass(&materials[meshes[i.mesh].material]));
+        for material in &mut self.materials {
+            if let Bsdf::MetallicRoughness { transmission, .. } = &mut material.bsdf {
+                *transmission = 0.0.into();
+            }
+        }
+        self
+    }
 }

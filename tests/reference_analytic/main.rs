@@ -1,5 +1,6 @@
 //! The reference against scenes whose answer is derived in a comment.
 
+mod glass;
 mod queries;
 #[path = "../common/scenes.rs"]
 mod scenes;

@@ -1,5 +1,6 @@
 //! The Cornell box by its measured data (Cornell University Program of Computer Graphics), in millimetres, turned and scaled
-//! to be two units high and centred on the origin.
+//! to be two units high and centred on the origin. Mirrors, glass and water after the scenes of Sun, "A real-time caustics and
+//! global illumination rendering framework with RTX technology" (2020), section 5.1.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,7 +8,9 @@ use glam::{DVec3, Mat3, Vec3};
 
 use super::{add, block, camera, quad, vec3};
 use crate::scene::shapes::icosphere;
-use crate::scene::{Bsdf, Color, Emission, Environment, EnvironmentMap, Fresnel, Light, Material, Rows, Scene};
+use crate::scene::{
+    Boundary, Bsdf, Color, Emission, Environment, EnvironmentMap, Fresnel, Light, Material, Mesh, Rows, Scene, Sides,
+};
 
 /// Half the height of 548.8 mm is one unit.
 const MILLIMETRES: f64 = 274.4;
@@ -88,13 +91,21 @@ pub(super) fn area() -> Scene {
     let mut scene = walls(true);
     short_block(&mut scene);
     tall_block(&mut scene, WHITE);
-    let mut black = Material::diffuse("light", Vec3::ZERO);
-    black.emission = Some(Emission { radiance: Color::from(Vec3::new(17.0, 12.0, 4.0)), two_sided: false });
-    scene.materials.push(black);
-    let corners = [[343.0, 548.3, 227.0], [343.0, 548.3, 332.0], [213.0, 548.3, 332.0], [213.0, 548.3, 227.0]];
-    let light = scene.materials.len() - 1;
-    add(&mut scene, "light", light, quad(corners.map(at)));
+    ceiling_light(&mut scene, 1.0);
     scene
+}
+
+fn light(scene: &mut Scene, radiance: Vec3, corners: [Vec3; 4]) {
+    let mut black = Material::diffuse("light", Vec3::ZERO);
+    black.emission = Some(Emission { radiance: Color::from(radiance), two_sided: false });
+    scene.materials.push(black);
+    let material = scene.materials.len() - 1;
+    add(scene, "light", material, quad(corners));
+}
+
+fn ceiling_light(scene: &mut Scene, strength: f32) {
+    let corners = [[343.0, 548.3, 227.0], [343.0, 548.3, 332.0], [213.0, 548.3, 332.0], [213.0, 548.3, 227.0]];
+    light(scene, strength * Vec3::new(17.0, 12.0, 4.0), corners.map(at));
 }
 
 /// Cornell box with a sphere of gold colour (alpha 0.2) and a block of silver colour (alpha 0.1), point light.
@@ -106,14 +117,119 @@ pub(super) fn glossy() -> Scene {
         let bsdf = Bsdf::Conductor { alpha: alpha.into(), fresnel: Fresnel::None, specular: color.into() };
         scene.materials.push(Material { bsdf, ..Material::diffuse(name, color) });
     }
-    let mut sphere = icosphere(5);
-    let [x, z] = plan([186.0, 169.0]);
-    let center = DVec3::new(x, 0.32, z);
-    sphere.positions = sphere.normals.iter().map(|n| (center + 0.32 * n.as_dvec3()).as_vec3()).collect();
-    add(&mut scene, "sphere", 3, sphere);
+    sphere(&mut scene, 3, [186.0, 169.0], 0.32);
     tall_block(&mut scene, 4);
     scene.lights.push(POINT_LIGHT);
     scene
+}
+
+/// A sphere that stands on the floor.
+fn sphere(scene: &mut Scene, material: usize, place: [f64; 2], radius: f64) {
+    let mut sphere = icosphere(5);
+    let [x, z] = plan(place);
+    let center = DVec3::new(x, radius, z);
+    sphere.positions = sphere.normals.iter().map(|n| (center + radius * n.as_dvec3()).as_vec3()).collect();
+    add(scene, "sphere", material, sphere);
+}
+
+fn mirror() -> Material {
+    let color = Vec3::splat(0.95);
+    let bsdf = Bsdf::Conductor { alpha: 0.0.into(), fresnel: Fresnel::None, specular: color.into() };
+    Material { bsdf, ..Material::diffuse("mirror", color) }
+}
+
+/// A clear medium under the front of its surfaces.
+fn clear(name: &str, eta: f32, absorption: Vec3) -> Material {
+    let white = Color::from(Vec3::ONE);
+    let bsdf = Bsdf::Dielectric { alpha: 0.0.into(), eta, reflection: white, transmission: white };
+    Material { bsdf, boundary: Boundary::Volume { absorption }, ..Material::diffuse(name, Vec3::ONE) }
+}
+
+/// Cornell box with a mirror sphere and a glass sphere. Both are mirrors in the paper.
+pub(super) fn spheres() -> Scene {
+    let mut scene = walls(true);
+    scene.materials.extend([mirror(), clear("glass", 1.5, Vec3::ZERO)]);
+    sphere(&mut scene, 3, [390.0, 370.0], 0.36);
+    sphere(&mut scene, 4, [165.0, 180.0], 0.36);
+    ceiling_light(&mut scene, 1.0);
+    scene
+}
+
+/// Cornell box with a mirror sphere before a back wall that is a mirror, too. So that there is something to see in it, the box has a
+/// front wall, through which the camera looks.
+pub(super) fn mirrors() -> Scene {
+    let mut scene = walls(true);
+    let front = Material { sides: Sides::OneCulled, ..scene.materials[WHITE].clone() };
+    scene.materials.extend([mirror(), front]);
+    let corners = [[0.0, 0.0, 0.0], [552.8, 0.0, 0.0], [556.0, 548.8, 0.0], [0.0, 548.8, 0.0]];
+    add(&mut scene, "front", 4, quad(corners.map(at)));
+    for mesh in scene.meshes.iter_mut().filter(|m| m.name == "back") {
+        mesh.material = 3;
+    }
+    sphere(&mut scene, 3, [278.0, 300.0], 0.42);
+    ceiling_light(&mut scene, 1.0);
+    scene
+}
+
+/// Height of the still water.
+const WATER: f64 = 0.3;
+
+/// Cornell box as a basin of water. A lamp before the box, below the picture, shines over the rim. The back wall from the water up
+/// lies behind the lamp's plane, so the lamp's light gets there only by way of the water.
+pub(super) fn water() -> Scene {
+    let mut scene = walls(true);
+    scene.cameras = vec![camera([0.0, 1.5, 3.3], [0.0, 0.91, -0.5], 36.0)];
+    // Red light is lost first: a third of it over a metre.
+    scene.materials.push(clear("water", 1.33, Vec3::new(0.4, 0.07, 0.04)));
+    let rim = [[560.0, -10.0], [560.0, 11.0], [-6.0, 11.0], [-6.0, -10.0]];
+    add(&mut scene, "rim", WHITE, block(rim.map(plan), 0.0, WATER + 0.015, true));
+    add(&mut scene, "water", 3, waves());
+    let [_, back] = plan([0.0, 559.2]);
+    let (middle, waterline) = (DVec3::new(0.0, 0.85, 2.25), DVec3::new(0.0, WATER, back));
+    let along = 0.25 * (waterline - middle).normalize();
+    let corner = |x: f64, t: f64| (middle + x * DVec3::X + t * along).as_vec3();
+    let corners = [corner(-0.4, -1.0), corner(-0.4, 1.0), corner(0.4, 1.0), corner(0.4, -1.0)];
+    light(&mut scene, Vec3::new(1700.0, 1600.0, 1400.0), corners);
+    ceiling_light(&mut scene, 0.3);
+    scene
+}
+
+/// The water's surface, front up, from wall to wall and a little into them.
+fn waves() -> Mesh {
+    // Amplitude, wave vector and phase of each wave.
+    let waves = [
+        (0.0030, [9.0, 5.0], 0.3),
+        (0.0026, [-7.0, 11.0], 1.9),
+        (0.0020, [15.0, -4.0], 4.1),
+        (0.0014, [3.0, 17.0], 2.6),
+        (0.0010, [-19.0, -9.0], 5.2),
+    ];
+    const STEPS: u32 = 128;
+    let ([west, east], [back, front]) = ([-1.012, 1.017], [-1.023, 1.008]);
+    let mut mesh = Mesh::default();
+    for row in 0..=STEPS {
+        for column in 0..=STEPS {
+            let [u, v] = [column, row].map(|i| f64::from(i) / f64::from(STEPS));
+            let (x, z) = (west + (east - west) * u, front + (back - front) * v);
+            let (mut y, mut slope) = (WATER, [0.0; 2]);
+            for (amplitude, [kx, kz], phase) in waves {
+                let (sin, cos) = (kx * x + kz * z + phase).sin_cos();
+                y += amplitude * sin;
+                slope[0] += amplitude * kx * cos;
+                slope[1] += amplitude * kz * cos;
+            }
+            mesh.positions.push(vec3(x, y, z));
+            mesh.normals.push(DVec3::new(-slope[0], 1.0, -slope[1]).normalize().as_vec3());
+        }
+    }
+    for row in 0..STEPS {
+        for column in 0..STEPS {
+            let a = row * (STEPS + 1) + column;
+            let b = a + STEPS + 1;
+            mesh.triangles.extend([[a, a + 1, b + 1], [a, b + 1, b]]);
+        }
+    }
+    mesh
 }
 
 /// Cornell box without ceiling and front wall under [`sky`].

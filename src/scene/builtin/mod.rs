@@ -1,4 +1,4 @@
-//! Scenes that need no file: the Cornell boxes of the reference images, scenes with a known answer, and a displaced room.
+//! Scenes that need no file: the Cornell boxes of the reference images, others with mirrors, glass and water, scenes with a known answer, and a displaced room.
 //!
 //! A name may carry a number after a colon where [`names`] says so. All scenes are deterministic.
 
@@ -43,6 +43,13 @@ const SCENES: &[Entry] = &[
     plain("cornell_area", "Cornell box with its area light", cornell::area),
     plain("cornell_glossy", "Cornell box with a sphere and a block of rough metal, point light", cornell::glossy),
     plain("cornell_env", "Cornell box without ceiling and front wall under a sky with a small sun", cornell::env),
+    plain("cornell_spheres", "Cornell box with a mirror and a glass sphere, its area light", cornell::spheres),
+    plain(
+        "cornell_mirrors",
+        "Cornell box with a mirror sphere and a mirror as back wall, its area light",
+        cornell::mirrors,
+    ),
+    plain("cornell_water", "Cornell box with water that throws a lamp's caustic on the back wall", cornell::water),
     plain("corner_spikes", "point light 2 cm from a wall in a corner with small objects", spikes::scene),
     known("furnace", "box that emits 1/2 and reflects 1/2", analytic::furnace, analytic::furnace_answer),
     known(

@@ -77,6 +77,17 @@ impl Materials {
             let color = texture(&s.specular_color_texture, "KHR_materials_specular.specularColorTexture", true)?;
             specular_color = Color { factor: Vec3::from(s.specular_color_factor.0), texture: color };
         }
+        let mut transmission = Scalar::from(0.0);
+        if let Some(t) = extensions.and_then(|e| e.transmission.as_ref()) {
+            let share = texture(&t.transmission_texture, "KHR_materials_transmission.transmissionTexture", false)?;
+            transmission = Scalar { factor: unit(t.transmission_factor.0), texture: share.map(|t| (t, 0)) };
+        }
+        let boundary = extensions.and_then(|e| e.volume.as_ref()).map_or(Boundary::Sheet, boundary);
+        if extensions.and_then(|e| e.volume.as_ref()).is_some_and(|v| v.thickness_texture.is_some()) {
+            scene.warn(
+                "thickness textures of KHR_materials_volume are ignored: light travels as far as the mesh is thick",
+            );
+        }
         let normal_map = match &material.normal_texture {
             Some(map) => {
                 self.normal_texture(file, scene, index, map)?.map(|texture| NormalMap { texture, scale: map.scale })
@@ -97,17 +108,18 @@ impl Materials {
                 ior,
                 specular,
                 specular_color,
-                transmission: 0.0.into(),
+                transmission,
             },
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
             alpha_mask: alpha_mask(file, scene, &place, material, base_color_texture, has_colors)?,
-            sides: if two_sided { Sides::Two } else { Sides::OneCulled },
-            boundary: Boundary::Sheet,
+            // Light that passes meets both sides.
+            sides: if two_sided || transmission.factor > 0.0 { Sides::Two } else { Sides::OneCulled },
+            boundary,
         };
         // A dielectric without reflection is Lambertian. Bsdf::Diffuse knows no vertex colours.
-        if specular.factor == 0.0 && pbr.metallic_factor.0 == 0.0 && !has_colors {
+        if specular.factor == 0.0 && pbr.metallic_factor.0 == 0.0 && transmission.factor == 0.0 && !has_colors {
             out.bsdf = Bsdf::Diffuse { reflectance: base_color };
         }
         if extensions.is_some_and(|e| e.unlit.is_some()) {
@@ -224,6 +236,16 @@ impl Materials {
     }
 }
 
+/// What KHR_materials_volume says lies behind a surface: white light turns into the colour over the distance.
+fn boundary(volume: &json::extensions::material::Volume) -> Boundary {
+    if volume.thickness_factor.0 == 0.0 {
+        return Boundary::Sheet;
+    }
+    // Nothing absorbs so much that its absorption is not finite.
+    let color = Vec3::from(volume.attenuation_color.0).clamp(Vec3::splat(f32::MIN_POSITIVE), Vec3::ONE);
+    Boundary::Volume { absorption: (-color.ln() / volume.attenuation_distance.0).min(Vec3::splat(f32::MAX)) }
+}
+
 /// Refuses numbers that are not finite or below zero, and says when those of the unit interval are clamped to it.
 fn check_numbers(file: &File, scene: &mut Scene, place: &str, material: &JsonMaterial) -> Result<(), LoadError> {
     let pbr = &material.pbr_metallic_roughness;
@@ -237,6 +259,15 @@ fn check_numbers(file: &File, scene: &mut Scene, place: &str, material: &JsonMat
     }
     numbers.extend(extensions.and_then(|e| e.ior.as_ref()).map(|i| i.ior.0));
     numbers.extend(extensions.and_then(|e| e.emissive_strength.as_ref()).map(|s| s.emissive_strength.0));
+    units.extend(extensions.and_then(|e| e.transmission.as_ref()).map(|t| t.transmission_factor.0));
+    if let Some(v) = extensions.and_then(|e| e.volume.as_ref()) {
+        numbers.push(v.thickness_factor.0);
+        units.extend(v.attenuation_color.0);
+        let distance = v.attenuation_distance.0;
+        if distance.is_nan() || distance <= 0.0 {
+            return Err(file.error(place, format!("an attenuationDistance of {distance} is not positive")));
+        }
+    }
     numbers.extend(material.normal_texture.as_ref().map(|n| n.scale.abs()));
     // The product with the factor has to stay finite, too.
     if let Some(number) = numbers.iter().find(|n| !(0.0..1e18).contains(*n)) {

@@ -28,12 +28,14 @@ use self::mesh::{Budget, Pose, Skin};
 use super::{Camera, FovAxis, Instance, Light, LoadError, Projection, Scene, SpotFalloff, tangents};
 
 /// Extensions that are read.
-pub const SUPPORTED: [&str; 7] = [
+pub const SUPPORTED: [&str; 9] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_specular",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
@@ -43,9 +45,7 @@ fn substitute(extension: &str) -> &'static str {
     match extension {
         "KHR_draco_mesh_compression" | "EXT_meshopt_compression" => "the uncompressed fallback is read",
         "KHR_texture_basisu" | "EXT_texture_webp" | "EXT_texture_avif" => "the PNG or JPEG fallback is read",
-        "KHR_materials_transmission" | "KHR_materials_volume" | "KHR_materials_diffuse_transmission" => {
-            "surfaces are rendered opaque"
-        }
+        "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
         "KHR_materials_pbrSpecularGlossiness" => "the metallic-roughness values beside it are read",
         "KHR_materials_clearcoat" => "the base is rendered without its coat",
         "KHR_materials_sheen" => "the base is rendered without its sheen",

@@ -1,7 +1,7 @@
 //! BSDFs: what Mitsuba's plugins become in the data model, and what stands in for those that it lacks.
 //!
 //! A plain BSDF reflects on its front only (`Sides::One`); `twosided` around it makes both sides reflect, `mask`, `bumpmap` and
-//! `normalmap` add their part. Glass is left out of the scene, so that light passes where it would pass.
+//! `normalmap` add their part. Glass does the same with or without `twosided`; `null` is cut out, so that light passes.
 
 use glam::Vec3;
 
@@ -12,7 +12,8 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    AlphaMask, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Scalar, Sides, Texture, TextureRef,
+    AlphaMask, Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Scalar, Sides, Texture,
+    TextureRef,
 };
 
 /// BSDFs may be nested this deep.
@@ -55,9 +56,10 @@ impl<'a> Loader<'a> {
             _ => {
                 let bsdf = self.plain(&plugin, kind)?;
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
-                let glass = matches!(kind, "dielectric" | "thindielectric" | "roughdielectric" | "null");
-                let alpha_mask = glass.then(|| AlphaMask { value: 0.0.into(), cutoff: 0.5 });
-                let material = Material { bsdf, alpha_mask, sides: Sides::One, ..Material::diffuse(name, Vec3::ONE) };
+                let plain = Material::diffuse(name, Vec3::ONE);
+                let alpha_mask = (kind == "null").then(|| AlphaMask { value: 0.0.into(), cutoff: 0.5 });
+                let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
+                let material = Material { bsdf, alpha_mask, boundary, sides: Sides::One, ..plain };
                 Surface { material, frame: None, bump: false }
             }
         };
@@ -229,27 +231,12 @@ impl<'a> Loader<'a> {
                 })
             }
             "principled" => self.principled(plugin),
-            "dielectric" | "thindielectric" | "roughdielectric" | "null" => {
-                plugin.ignore(&[
-                    "int_ior",
-                    "ext_ior",
-                    "alpha",
-                    "alpha_u",
-                    "alpha_v",
-                    "distribution",
-                    "material",
-                    "sample_visible",
-                    "specular_reflectance",
-                    "specular_transmittance",
-                ]);
-                if kind != "null" {
-                    self.warn(format!(
-                        "{}: glass is not supported; surfaces of `{kind}` are left out and light passes",
-                        plugin.element.title()
-                    ));
-                }
-                Ok(Bsdf::Diffuse { reflectance: grey(0.0) })
+            "dielectric" | "thindielectric" => self.dielectric(plugin, 0.0.into()),
+            "roughdielectric" => {
+                let alpha = self.alpha(plugin)?;
+                self.dielectric(plugin, alpha)
             }
+            "null" => Ok(Bsdf::Diffuse { reflectance: grey(0.0) }),
             _ => {
                 self.warn(format!(
                     "{}: bsdfs of type `{kind}` are not supported; grey 0.5 is drawn instead",
@@ -290,6 +277,17 @@ impl<'a> Loader<'a> {
         Ok(Bsdf::Conductor { alpha, fresnel, specular })
     }
 
+    fn dielectric(&mut self, plugin: &Plugin<'a>, alpha: Scalar) -> Result<Bsdf, LoadError> {
+        let inside = self.index(plugin, "int_ior", 1.5046)?;
+        let outside = self.index(plugin, "ext_ior", 1.000_277)?;
+        Ok(Bsdf::Dielectric {
+            alpha,
+            eta: inside / outside,
+            reflection: self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(1.0)),
+            transmission: self.color_parameter(plugin, "specular_transmittance")?.unwrap_or(grey(1.0)),
+        })
+    }
+
     fn plastic(&mut self, plugin: &Plugin<'a>, rough: bool) -> Result<Bsdf, LoadError> {
         let inside = self.index(plugin, "int_ior", 1.49)?;
         let outside = self.index(plugin, "ext_ior", 1.000_277)?;
@@ -322,12 +320,8 @@ impl<'a> Loader<'a> {
     /// The width of a microfacet lobe; Mitsuba takes 0.1.
     fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         plugin.ignore(&["sample_visible"]);
-        let missing = if plugin.element.plugin() == "roughconductor" || plugin.element.plugin() == "roughplastic" {
-            "beckmann"
-        } else {
-            ""
-        };
-        if plugin.string("distribution")?.unwrap_or(missing) != "ggx" {
+        // Mitsuba's own choice is Beckmann's.
+        if plugin.string("distribution")? != Some("ggx") {
             self.warn("microfacets other than GGX are drawn as GGX of the same width");
         }
         let [u, v] = [self.scalar_parameter(plugin, "alpha_u")?, self.scalar_parameter(plugin, "alpha_v")?];

@@ -1,4 +1,4 @@
-//! Sensors: perspective and orthographic cameras with their film size.
+//! Sensors: perspective cameras, with or without a thin lens, and orthographic ones, with their film size.
 //!
 //! Mitsuba's camera looks along its own +Z with +X to the left; ours looks along -Z with +X to the right, so both axes turn.
 
@@ -7,7 +7,7 @@ use glam::{Affine3A, DMat4, DVec3, Vec2};
 use super::Loader;
 use super::values::Plugin;
 use super::xml::Element;
-use crate::scene::{Camera, FovAxis, LoadError, Projection};
+use crate::scene::{Camera, FovAxis, Lens, LoadError, Projection};
 
 impl<'a> Loader<'a> {
     /// Adds a sensor's camera; one of an unknown kind is left out with a warning.
@@ -18,10 +18,8 @@ impl<'a> Loader<'a> {
             self.warn(format!("{}: sensors of type `{kind}` are not supported; it is left out", element.title()));
             return Ok(());
         }
-        match kind {
-            "thinlens" => self.warn(format!("{}: the lens is drawn as a pinhole, all in focus", element.title())),
-            "perspective_rdist" => self.warn(format!("{}: the lens is drawn without distortion", element.title())),
-            _ => {}
+        if kind == "perspective_rdist" {
+            self.warn(format!("{}: the lens is drawn without distortion", element.title()));
         }
         let (width, height) = self.film(&plugin)?;
         let to_world = plugin.transform("to_world")?.unwrap_or(DMat4::IDENTITY);
@@ -33,15 +31,8 @@ impl<'a> Loader<'a> {
             let (fov, axis) = field_of_view(&plugin)?;
             Projection::Perspective { fov, axis }
         };
-        plugin.ignore(&[
-            "near_clip",
-            "far_clip",
-            "focus_distance",
-            "aperture_radius",
-            "kc",
-            "shutter_open",
-            "shutter_close",
-        ]);
+        let lens = if kind == "thinlens" { lens(&plugin)? } else { None };
+        plugin.ignore(&["near_clip", "far_clip", "focus_distance", "kc", "shutter_open", "shutter_close"]);
         plugin.nested("sampler");
         self.finish(&plugin);
         let name =
@@ -50,7 +41,7 @@ impl<'a> Loader<'a> {
             name,
             world_from_camera: camera_frame,
             projection,
-            lens: None,
+            lens,
             film_size: Some((width, height)),
         });
         Ok(())
@@ -90,6 +81,22 @@ impl<'a> Loader<'a> {
         let [x, y, z, w] = columns.map(|v| v.as_vec3a());
         Ok(Affine3A::from_cols(x, y, z, w))
     }
+}
+
+/// The lens of a `thinlens`; none where its radius is zero. Mitsuba focuses on the far plane unless told.
+fn lens(sensor: &Plugin) -> Result<Option<Lens>, LoadError> {
+    let error = |cause: String| Err(sensor.element.error(cause));
+    let Some(radius) = sensor.float("aperture_radius")? else {
+        return error("a thin lens needs an aperture_radius".to_owned());
+    };
+    let focus = match sensor.float("focus_distance")? {
+        Some(focus) => focus,
+        None => sensor.float("far_clip")?.unwrap_or(1e4),
+    };
+    if radius < 0.0 || focus <= 0.0 {
+        return error(format!("aperture_radius is {radius}, focus_distance {focus}; they have to be positive"));
+    }
+    Ok((radius > 0.0).then_some(Lens { radius, focus }))
 }
 
 /// `fov` along `fov_axis`, or a 35 mm `focal_length`, whose angle spans the diagonal of 36 x 24 mm.
