@@ -6,7 +6,9 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
-use crate::scene::{Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap};
+use crate::scene::{
+    Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap,
+};
 
 const NONE: u32 = u32::MAX;
 
@@ -17,6 +19,8 @@ const CULLED: u32 = 4;
 const MASKED: u32 = 8;
 const NONLINEAR: u32 = 16;
 const FRESNEL_NONE: u32 = 32;
+const SHEET: u32 = 64;
+const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
@@ -41,7 +45,8 @@ pub struct GpuScene {
     pub environment: Option<GpuEnvironment>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
-    positions: wgpu::Buffer,
+    /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
+    pub positions: wgpu::Buffer,
     attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
@@ -130,7 +135,7 @@ impl GpuScene {
             bounds: geometry.bounds,
             environment,
             bytes,
-            positions: gpu.upload("positions", &positions),
+            positions: upload_positions(gpu, &positions),
             attributes: gpu.upload("attributes", &attributes),
             triangle_buffer: gpu.upload("triangles", &triangles),
             materials: gpu.upload("materials", &materials),
@@ -174,6 +179,14 @@ impl GpuScene {
         let radius = 0.5 * self.bounds[0].distance(self.bounds[1]);
         (0.5 * (self.bounds[0] + self.bounds[1]), if radius > 0.0 { radius } else { 1.0 })
     }
+}
+
+/// Acceleration structures are built from the same buffer, where the device has them.
+fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
+    if !gpu.capabilities.ray_queries {
+        return gpu.upload("positions", positions);
+    }
+    gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE)
 }
 
 fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, layers]: [u32; 3]) -> wgpu::Texture {
@@ -366,11 +379,12 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
         emission_texture: NONE,
         normal_texture: NONE,
         mask_texture: NONE,
+        transmission_texture: NONE,
         ..Default::default()
     };
     match &m.bsdf {
         Bsdf::Diffuse { reflectance } => (out.base, out.base_texture) = atlas.color(scene, reflectance),
-        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } => {
+        Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, transmission } => {
             out.model = 1;
             (out.base, out.base_texture) = atlas.color(scene, base_color);
             (out.metallic, out.metallic_texture) = atlas.scalar(scene, metallic);
@@ -378,6 +392,7 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
             (out.specular_factor, out.specular_factor_texture) = atlas.scalar(scene, specular);
             (out.specular, out.specular_texture) = atlas.color(scene, specular_color);
             out.eta = [*ior; 3];
+            (out.transmission, out.transmission_texture) = atlas.scalar(scene, transmission);
         }
         Bsdf::Conductor { alpha, fresnel, specular } => {
             out.model = 2;
@@ -398,7 +413,13 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
                 out.flags |= NONLINEAR;
             }
         }
-        Bsdf::Dielectric { .. } => (),
+        Bsdf::Dielectric { alpha, eta, reflection, transmission } => {
+            out.model = 4;
+            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
+            (out.base, out.base_texture) = atlas.color(scene, reflection);
+            (out.specular, out.specular_texture) = atlas.color(scene, transmission);
+            out.eta = [*eta; 3];
+        }
     }
     if let Some(emission) = &m.emission {
         (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);
@@ -415,7 +436,16 @@ fn material(m: &crate::scene::Material, scene: &Scene, atlas: &mut Atlas) -> lay
         (out.mask_value, out.mask_texture) = atlas.scalar(scene, &mask.value);
         out.mask_cutoff = mask.cutoff;
     }
+    if m.bsdf.transmits() {
+        out.flags |= TRANSMITS;
+        match m.boundary {
+            Boundary::Sheet => out.flags |= SHEET,
+            Boundary::Volume { absorption } => out.absorption = absorption.to_array(),
+        }
+    }
     out.flags |= match m.sides {
+        // What lets light pass does the same on both sides.
+        _ if m.bsdf.transmits() => TWO_SIDED,
         Sides::Two => TWO_SIDED,
         Sides::One => 0,
         Sides::OneCulled => CULLED,

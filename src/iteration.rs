@@ -23,32 +23,13 @@ pub fn describe(
 ) -> layouts::Frame {
     let size = [settings.width, settings.height];
     let jitter = sampler.get2(Decision::Pixel);
-    let half = camera.half_extent(size[0], size[1]);
-    let world_from_camera = camera.world_from_camera;
-    let [right, up, forward] =
-        [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
-    let position = Vec3::from(world_from_camera.translation);
-    let environment = scene.environment;
-    let columns = environment.map_or(glam::Mat3::IDENTITY, |e| e.environment_from_world).to_cols_array_2d();
     let mut out = layouts::Frame {
         clip_from_world: clip_from_world(scene, camera, size, jitter).to_cols_array_2d(),
-        camera_position: position.to_array(),
-        orthographic: u32::from(matches!(camera.projection, Projection::Orthographic { .. })),
-        camera_right: right.to_array(),
-        width: size[0],
-        camera_up: up.to_array(),
-        height: size[1],
-        camera_forward: forward.to_array(),
         samples: (iteration + 1) as f32,
         jitter,
-        light_kind: 3,
-        environment: environment.map_or([0.0; 3], |e| e.radiance.to_array()),
-        environment_rows_at_poles: u32::from(environment.is_some_and(|e| e.rows_at_poles)),
-        environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
         y2_random: sampler.get2(Decision::Y2),
-        beta: settings.beta,
         iteration: batch_index,
-        ..Default::default()
+        ..describe_camera_and_sky(scene, camera, settings)
     };
     if let Some(light) = light {
         out.light_kind = light.kind;
@@ -62,6 +43,32 @@ pub fn describe(
         out.sample_pdf = light.pdf;
     }
     out
+}
+
+/// The part of the uniform that no iteration changes: camera, environment, and the exponent of MIS.
+#[must_use]
+pub fn describe_camera_and_sky(scene: &GpuScene, camera: &Camera, settings: &Settings) -> layouts::Frame {
+    let half = camera.half_extent(settings.width, settings.height);
+    let world_from_camera = camera.world_from_camera;
+    let [right, up, forward] =
+        [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
+    let environment = scene.environment;
+    let columns = environment.map_or(glam::Mat3::IDENTITY, |e| e.environment_from_world).to_cols_array_2d();
+    layouts::Frame {
+        camera_position: Vec3::from(world_from_camera.translation).to_array(),
+        orthographic: u32::from(matches!(camera.projection, Projection::Orthographic { .. })),
+        camera_right: right.to_array(),
+        width: settings.width,
+        camera_up: up.to_array(),
+        height: settings.height,
+        camera_forward: forward.to_array(),
+        light_kind: 3,
+        environment: environment.map_or([0.0; 3], |e| e.radiance.to_array()),
+        environment_rows_at_poles: u32::from(environment.is_some_and(|e| e.rows_at_poles)),
+        environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
+        beta: settings.beta(),
+        ..Default::default()
+    }
 }
 
 /// Clip space with reversed depth, moved so that pixel centres are the iteration's sample positions.

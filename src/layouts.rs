@@ -63,7 +63,9 @@ layouts! {
         emission_texture: u32,
         normal_texture: u32,
         mask_texture: u32,
-        pad: u32,
+        transmission_texture: u32,
+        absorption: [f32; 3],
+        transmission: f32,
     }
 
     /// One use of a texture by a material.
@@ -142,6 +144,65 @@ layouts! {
     struct Query in "queries" {
         position: [f32; 3],
         triangle: u32,
+    }
+
+    /// What the passes over paths share.
+    struct Paths in "eye_paths" {
+        center: [f32; 3],
+        radius: f32,
+        seed: u32,
+        number: u32,
+        first: u32,
+        count: u32,
+        bounces: u32,
+        light_count: u32,
+        lens_radius: f32,
+        focus: f32,
+        only_s: u32,
+        only_t: u32,
+        unweighted: u32,
+        splat_scale: f32,
+        environment_probability: f32,
+        environment_integral: f32,
+        environment_bands: u32,
+        environment_columns: u32,
+    }
+
+    /// A light of the table that subpaths choose from.
+    struct LightRecord in "eye_paths" {
+        position: [f32; 3],
+        kind: u32,
+        direction: [f32; 3],
+        probability: f32,
+        intensity: [f32; 3],
+        triangle: u32,
+        cos_inner: f32,
+        cos_outer: f32,
+        falloff: u32,
+        pad: u32,
+    }
+
+    /// A vertex of a light subpath of the path methods; the host only needs its size.
+    struct PathVertex in "light_paths" {
+        throughput: [f32; 3],
+        triangle: u32,
+        wi: [f32; 3],
+        p: f32,
+        barycentric: [f32; 2],
+        d: f32,
+        c: f32,
+    }
+
+    /// A question to ray queries.
+    struct RayQuestion in "ray_queries" {
+        position: [f32; 3],
+        own: u32,
+        towards: [f32; 3],
+        end: u32,
+        kind: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// A vertex of the light subpath; the host only needs its size.

@@ -20,6 +20,7 @@
 //!    run, with the reason, before anything is allocated. Skipped means no pass, no pipeline, no buffer.
 //! 3. [`gpu_scene`] uploads; [`renderer::Renderer`] owns a [`frame::Frame`] and runs its iterations in batches. Lists that
 //!    ran out of room grow, and the iteration is redone, so a finished picture has lost nothing.
+//!    Where a method asks for it, [`acceleration`] builds what ray queries need from the same positions.
 //! 4. [`film::Film`] is the linear image, [`metrics`] says how far two of them are apart.
 //! 5. [`mod@reference`] renders the same scene on the CPU and shares no code with the above but the scene and the film.
 //!
@@ -67,15 +68,18 @@
 //! WESL modules under `shaders/`, linked at run time by [`gpu::link`] with the flags that the plan chose. Bindings are declared
 //! there and bound by name; structs that both sides read are in [`layouts`], and a test compares them with the linked shaders.
 
+pub mod acceleration;
 pub mod film;
 pub mod frame;
 pub mod gpu;
 pub mod gpu_scene;
 pub mod iteration;
 pub mod layouts;
+pub mod light_table;
 pub mod lights;
 pub mod metrics;
 pub mod passes;
+pub mod path_renderer;
 pub mod pixels;
 pub mod plan;
 pub mod reference;

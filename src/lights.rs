@@ -40,13 +40,7 @@ impl Lights {
     #[must_use]
     pub fn new(lights: &[Light], center: Vec3, radius: f32) -> Self {
         let disc = PI * radius * radius;
-        let power = |light: &Light| match *light {
-            Light::Point { intensity, .. } => 4.0 * PI * intensity.element_sum(),
-            Light::Spot { intensity, outer_angle, .. } => {
-                2.0 * PI * (1.0 - outer_angle.cos()) * intensity.element_sum()
-            }
-            Light::Directional { irradiance, .. } => disc * irradiance.element_sum(),
-        };
+        let power = |light: &Light| power(light, disc).element_sum();
         // What is not a number stays: it has to show in the picture and in the count of such values.
         let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0 || power(l).is_nan()).collect();
         let total: f64 = shining.iter().map(|l| f64::from(power(l))).sum();
@@ -125,6 +119,16 @@ impl Lights {
         }
         let (axis, lowest) = if light.kind == 1 { (light.direction, light.cosines[1]) } else { (Vec3::Z, -1.0) };
         around(axis, 1.0 - u * (1.0 - lowest), angle)
+    }
+}
+
+/// Watts of a light, per channel; of a directional one, what crosses a disc of the given area.
+#[must_use]
+pub fn power(light: &Light, disc: f32) -> Vec3 {
+    match *light {
+        Light::Point { intensity, .. } => 4.0 * PI * intensity,
+        Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
+        Light::Directional { irradiance, .. } => disc * irradiance,
     }
 }
 

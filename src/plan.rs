@@ -246,13 +246,18 @@ impl FramePlan {
         pass(
             "view_lists",
             views - maps,
-            if maps > 0 { "the bundles" } else { "each view; the light's own is kept while the light stays the same" }.to_owned(),
+            if maps > 0 { "the bundles" } else { "each view; the light's own is kept while the light stays the same" }
+                .to_owned(),
         );
         pass(
             "depth_maps",
             maps,
-            if self.fast { "around light vertices; the light's own is kept while it stays the same" } else { "exact: lists" }
-                .to_owned(),
+            if self.fast {
+                "around light vertices; the light's own is kept while it stays the same"
+            } else {
+                "exact: lists"
+            }
+            .to_owned(),
         );
         pass(
             "light_subpath",

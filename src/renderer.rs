@@ -47,7 +47,26 @@ pub struct RenderStats {
     pub passes: BTreeMap<&'static str, PassTime>,
 }
 
-/// A scene being rendered progressively.
+/// What renders a picture bit by bit.
+pub trait Progressive {
+    /// Adds samples to the picture, in batches; `progress` is told how many it has and may stop it by returning false.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] where the device reports an error or cannot hold what the scene needs.
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
+
+    /// The picture so far: the mean of all samples.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    fn film(&self) -> Result<Film, RenderError>;
+
+    /// Counts and times so far.
+    #[must_use]
+    fn stats(&self) -> RenderStats;
+}
+
+/// A scene being rendered by rasterization.
 pub struct Renderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
@@ -70,34 +89,10 @@ impl<'gpu> Renderer<'gpu> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
-        let camera = scene
-            .cameras
-            .get(settings.camera)
-            .ok_or_else(|| {
-                RenderError::Setting(format!(
-                    "there is no camera {}; the scene has {}",
-                    settings.camera,
-                    scene.cameras.len()
-                ))
-            })?
-            .clone();
+        let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
+        check_size(gpu, settings)?;
         let side = gpu.capabilities.max_texture_side;
-        let bytes = u64::from(settings.width) * u64::from(settings.height) * 64;
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        if settings.width == 0
-            || settings.height == 0
-            || settings.width > side
-            || settings.height > side
-            || bytes > limit
-        {
-            return Err(RenderError::Setting(format!(
-                "an image of {}x{} does not fit this device: sides go up to {side}, pixels up to {}; choose a smaller --size",
-                settings.width,
-                settings.height,
-                limit / 64
-            )));
-        }
         let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
         if largest > side {
             return Err(RenderError::Setting(format!(
@@ -126,25 +121,6 @@ impl<'gpu> Renderer<'gpu> {
     #[must_use]
     pub fn plan(&self) -> &FramePlan {
         &self.plan
-    }
-
-    /// Adds iterations to the picture, in batches; `progress` is told how many it has and may stop it by returning false.
-    ///
-    /// # Errors
-    /// [`RenderError::Gpu`] where the device reports an error or cannot hold the lists that the scene needs.
-    pub fn render(&mut self, iterations: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
-        let end = self.samples + iterations;
-        while self.samples < end {
-            // The first iteration alone, so that little has to be redone where the guess of room was too small.
-            let count = if self.samples == 0 { 1 } else { u64::from(BATCH).min(end - self.samples) };
-            self.batch((self.samples..self.samples + count).collect())?;
-            self.samples += count;
-            if !progress(self.samples) {
-                break;
-            }
-        }
-        self.gpu.timings.collect(self.gpu)?;
-        Ok(())
     }
 
     /// Runs some iterations until all of them are in the film.
@@ -195,26 +171,29 @@ impl<'gpu> Renderer<'gpu> {
                 iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
         }
     }
+}
 
-    /// The picture so far: the mean of all iterations.
-    ///
-    /// # Errors
-    /// [`RenderError::Gpu`].
-    pub fn film(&self) -> Result<Film, RenderError> {
-        let pixels = (self.settings.width * self.settings.height) as usize;
-        let sums: Vec<[[f32; 4]; 2]> = read_back(self.gpu, &self.frame.film, pixels)?;
-        let n = self.samples.max(1) as f64;
-        let mean = |sum: f32, lost: f32| ((f64::from(sum) - f64::from(lost)) / n) as f32;
-        Ok(Film {
-            width: self.settings.width,
-            height: self.settings.height,
-            pixels: sums.iter().map(|[s, c]| [mean(s[0], c[0]), mean(s[1], c[1]), mean(s[2], c[2])]).collect(),
-        })
+impl Progressive for Renderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.samples + samples;
+        while self.samples < end {
+            // The first iteration alone, so that little has to be redone where the guess of room was too small.
+            let count = if self.samples == 0 { 1 } else { u64::from(BATCH).min(end - self.samples) };
+            self.batch((self.samples..self.samples + count).collect())?;
+            self.samples += count;
+            if !progress(self.samples) {
+                break;
+            }
+        }
+        self.gpu.timings.collect(self.gpu)?;
+        Ok(())
     }
 
-    /// Counts and times so far.
-    #[must_use]
-    pub fn stats(&self) -> RenderStats {
+    fn film(&self) -> Result<Film, RenderError> {
+        read_film(self.gpu, &self.frame.film, &self.settings, self.samples)
+    }
+
+    fn stats(&self) -> RenderStats {
         RenderStats {
             samples: self.samples,
             bytes: self.frame.bytes(),
@@ -222,4 +201,47 @@ impl<'gpu> Renderer<'gpu> {
             ..self.stats.clone()
         }
     }
+}
+
+/// The camera that the settings name.
+pub(crate) fn camera_of(scene: &Scene, settings: &Settings) -> Result<Camera, RenderError> {
+    let Some(camera) = scene.cameras.get(settings.camera) else {
+        let count = scene.cameras.len();
+        return Err(RenderError::Setting(format!("there is no camera {}; the scene has {count}", settings.camera)));
+    };
+    Ok(camera.clone())
+}
+
+/// Whether the device can hold the image.
+pub(crate) fn check_size(gpu: &Gpu, settings: &Settings) -> Result<(), RenderError> {
+    let Settings { width, height, .. } = *settings;
+    let side = gpu.capabilities.max_texture_side;
+    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    let fits = width.max(height) <= side && u64::from(width) * u64::from(height) * 64 <= limit;
+    if width == 0 || height == 0 || !fits {
+        return Err(RenderError::Setting(format!(
+            "an image of {width}x{height} does not fit this device: sides go up to {side}, pixels up to {}; choose a smaller \
+             --size",
+            limit / 64
+        )));
+    }
+    Ok(())
+}
+
+/// Means of compensated sums.
+pub(crate) fn read_film(
+    gpu: &Gpu,
+    film: &wgpu::Buffer,
+    settings: &Settings,
+    samples: u64,
+) -> Result<Film, RenderError> {
+    let pixels = (settings.width * settings.height) as usize;
+    let sums: Vec<[[f32; 4]; 2]> = read_back(gpu, film, pixels)?;
+    let n = samples.max(1) as f64;
+    let mean = |sum: f32, lost: f32| ((f64::from(sum) - f64::from(lost)) / n) as f32;
+    Ok(Film {
+        width: settings.width,
+        height: settings.height,
+        pixels: sums.iter().map(|[s, c]| [mean(s[0], c[0]), mean(s[1], c[1]), mean(s[2], c[2])]).collect(),
+    })
 }

@@ -6,7 +6,7 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-/// `bounces` without a limit, for the reference.
+/// `bounces` without a limit, for `path` and the reference.
 pub const UNLIMITED: u32 = u32::MAX;
 
 /// Pixels along a side of an image; the film sizes that scene files may ask for have the same limit.
@@ -39,8 +39,31 @@ pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 pub enum Method {
     /// Bidirectional path tracing by rasterization alone.
     Raster,
+    /// Bidirectional path tracing with ray queries: all strategies, light tracing included.
+    RayQuery,
+    /// Path tracing from the camera with ray queries.
+    Path,
     /// The CPU path tracer that judges the others.
     Reference,
+}
+
+impl Method {
+    /// Whether it needs a device with ray queries.
+    #[must_use]
+    pub fn traces_rays(self) -> bool {
+        matches!(self, Self::RayQuery | Self::Path)
+    }
+}
+
+/// The only strategy of bidirectional path tracing that counts in a picture, with the random numbers of a picture of all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct OnlyStrategy {
+    /// Vertices that the light's side makes.
+    pub s: u32,
+    /// Vertices that the camera's side makes.
+    pub t: u32,
+    /// Whether its share by MIS counts, or all of it.
+    pub weighted: bool,
 }
 
 /// How `raster` tests visibility.
@@ -102,13 +125,13 @@ pub struct Settings {
     /// Rows of the image.
     #[arg(skip = Self::default().height)]
     pub height: u32,
-    /// Iterations (raster) or paths per pixel (reference)
+    /// Iterations (raster) or paths per pixel (all others)
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples)]
     pub samples: u32,
     /// As many samples as this time allows, instead of a number; counted from the first sample on
     #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
     pub budget: Option<f64>,
-    /// Indirect bounces: 0 is direct light only, at most 64; the reference also takes `unlimited`
+    /// Indirect bounces: 0 is direct light only, at most 64; path and the reference also take `unlimited`
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces)]
     #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
@@ -122,8 +145,12 @@ pub struct Settings {
     #[arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = RASTER)]
     pub strategies: Strategies,
     /// Exponent of the MIS heuristic, 0.25 to 4: 1 is the balance heuristic (section 4.2), 2 the power heuristic
-    #[arg(long, value_name = "B", default_value_t = Self::default().beta, allow_negative_numbers = true, help_heading = RASTER)]
-    pub beta: f32,
+    /// [default: 1 for raster, 2 for ray-query and path]
+    #[arg(long, value_name = "B", allow_negative_numbers = true)]
+    pub beta: Option<f32>,
+    /// The one strategy that counts, for images per strategy.
+    #[arg(skip)]
+    pub only: Option<OnlyStrategy>,
     /// Texels along a side of a ray-bundle, 16 to 2048 [default: chosen from the scene]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub bundle_resolution: Option<u32>,
@@ -150,7 +177,7 @@ pub struct Settings {
     pub camera: usize,
 }
 
-/// Heading of the options that the reference does not have.
+/// Heading of the options that only raster has.
 const RASTER: &str = "Options of raster";
 
 impl Default for Settings {
@@ -165,7 +192,8 @@ impl Default for Settings {
             seed: 1,
             visibility: Visibility::Exact,
             strategies: Strategies::All,
-            beta: 1.0,
+            beta: None,
+            only: None,
             bundle_resolution: None,
             light_resolution: None,
             vpl_resolution: None,
@@ -196,7 +224,7 @@ impl Settings {
     /// # Errors
     /// The first value that is out of its range, or that the method does not have.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let Self { width, height, samples, bounces, beta, paper_clamp, .. } = *self;
+        let Self { width, height, samples, bounces, paper_clamp, .. } = *self;
         let wrong =
             |option, value: &dyn fmt::Display, rule: String| Err(OutOfRange { option, value: value.to_string(), rule });
         if !SIDES.contains(&width) || !SIDES.contains(&height) {
@@ -208,14 +236,15 @@ impl Settings {
         if let Some(seconds) = self.budget.filter(|s| !BUDGETS.contains(s)) {
             return wrong("--budget", &seconds, format!("has to be {} seconds", span(&BUDGETS)));
         }
-        if bounces == UNLIMITED && self.method == Method::Raster {
-            return wrong("--bounces", &"unlimited", format!("raster needs a number, {}", span(&BOUNCES)));
+        let unlimited = matches!(self.method, Method::Path | Method::Reference);
+        if bounces == UNLIMITED && !unlimited {
+            return wrong("--bounces", &"unlimited", format!("{} needs a number, {}", self.method, span(&BOUNCES)));
         }
         if bounces != UNLIMITED && !BOUNCES.contains(&bounces) {
-            let more = if self.method == Method::Reference { " or `unlimited`" } else { "" };
+            let more = if unlimited { " or `unlimited`" } else { "" };
             return wrong("--bounces", &bounces, format!("has to be {}{more}", span(&BOUNCES)));
         }
-        if !BETAS.contains(&beta) {
+        if let Some(beta) = self.beta.filter(|b| !BETAS.contains(b)) {
             return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
         }
         if !(0.001..=16.0).contains(&self.list_room) {
@@ -235,10 +264,16 @@ impl Settings {
                 return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
             }
         }
-        if self.method == Method::Reference {
-            self.check_reference()?;
+        if self.method != Method::Raster {
+            self.check_no_raster()?;
         }
         Ok(())
+    }
+
+    /// Exponent of the MIS heuristic.
+    #[must_use]
+    pub fn beta(&self) -> f32 {
+        self.beta.unwrap_or(if self.method == Method::Raster { 1.0 } else { 2.0 })
     }
 
     fn resolutions(&self) -> [(&'static str, Option<u32>); 3] {
@@ -250,19 +285,20 @@ impl Settings {
     }
 
     /// What belongs to `raster` has to stay at its default: ignoring it in silence would mislead.
-    fn check_reference(&self) -> Result<(), OutOfRange> {
+    fn check_no_raster(&self) -> Result<(), OutOfRange> {
         let default = Self::default();
         let changed = [
             ("--visibility", (self.visibility != default.visibility).then(|| self.visibility.to_string())),
             ("--strategies", (self.strategies != default.strategies).then(|| self.strategies.to_string())),
-            ("--beta", (self.beta != default.beta).then(|| self.beta.to_string())),
+            ("--beta", self.beta.filter(|_| self.method == Method::Reference).map(|b| b.to_string())),
             ("--list-room", (self.list_room != default.list_room).then(|| self.list_room.to_string())),
             ("--paper-clamp", (self.paper_clamp != default.paper_clamp).then(|| self.paper_clamp.to_string())),
         ];
         let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string())));
         match changed.into_iter().chain(resolutions).find_map(|(option, value)| Some((option, value?))) {
             Some((option, value)) => {
-                Err(OutOfRange { option, value, rule: "is an option of raster, not of the reference".to_owned() })
+                let whose = if option == "--beta" { "raster, ray-query and path" } else { "raster" };
+                Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.method) })
             }
             None => Ok(()),
         }
@@ -299,7 +335,9 @@ mod tests {
             Settings { bounces: 0, ..base.clone() },
             Settings { bounces: 64, ..base.clone() },
             Settings { bundle_resolution: Some(16), vpl_resolution: Some(2048), ..base.clone() },
-            Settings { budget: Some(0.5), beta: 2.0, ..base.clone() },
+            Settings { budget: Some(0.5), beta: Some(2.0), ..base.clone() },
+            Settings { method: Method::RayQuery, beta: Some(1.0), ..base.clone() },
+            Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
         ];
@@ -315,8 +353,8 @@ mod tests {
             ("--bounces", Settings { bounces: 65, ..base.clone() }),
             ("--bounces", Settings { bounces: 65, ..reference.clone() }),
             ("--bounces", Settings { bounces: UNLIMITED, ..base.clone() }),
-            ("--beta", Settings { beta: f32::NAN, ..base.clone() }),
-            ("--beta", Settings { beta: -1.0, ..base.clone() }),
+            ("--beta", Settings { beta: Some(f32::NAN), ..base.clone() }),
+            ("--beta", Settings { beta: Some(-1.0), ..base.clone() }),
             ("--list-room", Settings { list_room: 0.0, ..base.clone() }),
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
@@ -325,7 +363,11 @@ mod tests {
             ("--aperture", Settings { aperture: Some(-0.1), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(f32::NAN), ..base.clone() }),
             ("--focus", Settings { focus: Some(0.0), ..base }),
+            ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
+            ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { visibility: Visibility::Fast, ..reference.clone() }),
+            ("--strategies", Settings { method: Method::RayQuery, strategies: Strategies::Vpl, ..reference.clone() }),
+            ("--light-resolution", Settings { method: Method::Path, light_resolution: Some(64), ..reference.clone() }),
             ("--strategies", Settings { strategies: Strategies::Vpl, ..reference.clone() }),
             ("--vpl-resolution", Settings { vpl_resolution: Some(64), ..reference }),
         ];

@@ -9,6 +9,7 @@ fn capabilities() -> Capabilities {
     Capabilities {
         adapter: "none".to_owned(),
         software: true,
+        ray_queries: false,
         timestamps: false,
         max_binding_bytes: 128 << 20,
         max_buffer_bytes: 1 << 30,

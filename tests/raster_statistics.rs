@@ -174,7 +174,7 @@ fn beta_does_not_change_the_mean() {
     let Some(gpu) = gpu() else { return };
     let two = settings(2);
     let expected = references(&plates(), &two);
-    let films = pictures(gpu, &plates(), &Settings { beta: 2.0, ..two });
+    let films = pictures(gpu, &plates(), &Settings { beta: Some(2.0), ..two });
     agree("beta 2", &compare(&films, &expected, Look::Blocks));
 }
 

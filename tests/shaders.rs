@@ -47,30 +47,42 @@ fn flags_of(name: &str) -> BTreeSet<String> {
 }
 
 /// Whether the program can ask for this set of flags.
-fn sensible(set: &[&str]) -> bool {
+fn sensible(pass: &str, set: &[&str]) -> bool {
     let has = |flag| set.contains(&flag);
     // A map is an environment; only VPLs are clamped; the last extension exists only to meet light.
     (!has("ENVIRONMENT_MAP") || has("ENVIRONMENT"))
         && !(has("CLAMPED") && has("LIGHT"))
+        // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
+        && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths"))
+        && (!has("TRANSMISSION") || has("SPECULAR"))
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
 }
 
 /// All sensible subsets.
-fn sets<'a>(flags: &[&'a str]) -> Vec<Vec<&'a str>> {
+fn sets<'a>(pass: &str, flags: &[&'a str]) -> Vec<Vec<&'a str>> {
     assert!(flags.len() <= 12, "too many sets of {flags:?}: say which are not sensible together");
     (0..1_u32 << flags.len())
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
-        .filter(|set| sensible(set))
+        .filter(|set| sensible(pass, set))
         .collect()
 }
 
-/// Parses and validates WGSL as the program's device does: nothing beyond what every adapter has.
+/// Parses and validates WGSL as a device does that has nothing beyond what every adapter has.
 fn validate(wgsl: &str) -> Result<naga::Module, String> {
+    validate_with(wgsl, naga::valid::Capabilities::default())
+}
+
+fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<naga::Module, String> {
     let module = naga::front::wgsl::parse_str(wgsl).map_err(|e| e.emit_to_string(wgsl))?;
-    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default())
+    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities)
         .validate(&module)
         .map_err(|e| e.emit_to_string(wgsl))?;
     Ok(module)
+}
+
+/// Whether a pass asks ray queries.
+fn traces_rays(pass: &str, set: &[&str]) -> bool {
+    matches!(pass, "ray_queries" | "eye_paths" | "light_paths") || set.contains(&"RAY_QUERY")
 }
 
 /// Modules with an entry point.
@@ -89,7 +101,7 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
         .iter()
         .flat_map(|(&pass, flags)| {
             let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
-            sets(&flags).into_iter().map(move |set| (pass, set))
+            sets(pass, &flags).into_iter().map(move |set| (pass, set))
         })
         .collect();
     assert!(cases.len() > 100, "only {} cases", cases.len());
@@ -101,10 +113,17 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
         .collect();
     let distinct: BTreeMap<&String, &(&str, Vec<&str>)> = linked.iter().zip(&cases).collect();
     let distinct: Vec<_> = distinct.into_iter().collect();
-    distinct.par_iter().for_each(|(wgsl, (pass, set))| {
-        let module = validate(wgsl).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
+    let tracing = distinct.par_iter().filter(|(wgsl, (pass, set))| {
+        // What asks no ray queries needs no capability; what does is refused without the one.
+        let traces = traces_rays(pass, set);
+        let ray_query = naga::valid::Capabilities::RAY_QUERY;
+        let capabilities = naga::valid::Capabilities::default() | if traces { ray_query } else { Default::default() };
+        let module = validate_with(wgsl, capabilities).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
         assert!(!module.entry_points.is_empty(), "{pass} with {set:?} has no entry point");
+        assert!(!traces || validate(wgsl).is_err(), "{pass} with {set:?} traces no rays");
+        traces
     });
+    assert!(tracing.count() > 2);
     println!("{} sets of flags over {} passes, {} distinct shaders", cases.len(), passes.len(), distinct.len());
 
     // Nothing that any shader asks about is left out, and each flag changes something.
@@ -116,7 +135,7 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
         let matters = cases.iter().zip(&linked).any(|((pass, set), text)| {
             set.contains(&flag.as_str()) && {
                 let without: Vec<&str> = set.iter().copied().filter(|f| f != flag).collect();
-                cases.iter().zip(&linked).any(|((p, s), other)| p == pass && *s == without && other != text)
+                link(pass, &without).is_ok_and(|other| other != *text)
             }
         });
         assert!(matters, "{flag} changes no shader");

@@ -1,5 +1,5 @@
-//! What lists of triangles say about visibility against the CPU's hierarchy: nearest hits along bundles, nearest hits from a
-//! point, and edges, on random points of scenes.
+//! What lists of triangles, and ray queries, say about visibility against the CPU's hierarchy: nearest hits along bundles,
+//! nearest hits from a point, and edges, on random points of scenes.
 //!
 //! Two nearest hits are the same if they name the same triangle or lie within 1e-4 of the scene's radius of each other. Every
 //! difference gets a class by a look at it in double precision. The long table:
@@ -10,18 +10,23 @@ mod common;
 
 use std::collections::BTreeMap;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
+use lightsheaf::acceleration::Acceleration;
 use lightsheaf::gpu::{Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts;
 use lightsheaf::lights::uniform_sphere;
 use lightsheaf::passes::depth_maps::DepthMaps;
 use lightsheaf::passes::queries::Queries;
+use lightsheaf::passes::ray_queries::RayQueries;
 use lightsheaf::passes::view_lists::ViewLists;
 use lightsheaf::passes::view_setup::ViewSetup;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::Reference;
-use lightsheaf::scene::{self, Geometry, Instance, Material, Mesh, Scene, SceneStats};
+use lightsheaf::scene::{
+    self, AlphaMask, Filter, Geometry, Image, Instance, Material, Mesh, Scalar, Scene, SceneStats, Texture, TextureRef,
+    Wrap,
+};
 use lightsheaf::settings::{Settings, Visibility};
 use lightsheaf::view::{Answers, ViewBuffers, parallel, perspective};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
@@ -422,8 +427,11 @@ fn origins(world: &World, views: usize, random: &mut Random) -> Vec<(layouts::Vi
                 // The side that most of the scene lies on: the other one of a wall sees nothing.
                 let in_front = (0..64).filter(|_| normal.dot(points.draw(random).position - point.position) > 0.0);
                 let normal = if in_front.count() >= 32 { normal } else { -normal };
-                let view =
-                    layouts::View { exclude: point.triangle, normal: normal.to_array(), ..perspective(point.position, world.radius) };
+                let view = layouts::View {
+                    exclude: point.triangle,
+                    normal: normal.to_array(),
+                    ..perspective(point.position, world.radius)
+                };
                 (view, point.triangle)
             } else {
                 let at = Vec3::new(random.unit(), random.unit(), random.unit());
@@ -543,6 +551,188 @@ fn displaced_room(triangles: u32) -> Scene {
     }
 }
 
+/// Kinds of questions in shaders/ray_queries.wesl.
+const ASK_NEAREST: u32 = 0;
+const ASK_EDGE: u32 = 1;
+const ASK_INFINITY: u32 = 2;
+const ASK_CAMERA: u32 = 3;
+
+impl World<'_> {
+    fn ask_rays(&self, scene: &Scene, questions: &[layouts::RayQuestion]) -> Vec<[u32; 2]> {
+        let acceleration = Acceleration::new(self.gpu, &self.scene, scene, self.geometry());
+        let pass = RayQueries::new(self.gpu, &self.plan.surface_flags);
+        let asked = self.gpu.upload("questions", questions);
+        let answers = self.gpu.storage("answers", questions.len() as u64 * 8);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let count = questions.len() as u32;
+        pass.record(self.gpu, &mut encoder, &self.scene, &acceleration, count, &asked, &answers);
+        self.gpu.queue.submit([encoder.finish()]);
+        read_back(self.gpu, &answers, questions.len()).unwrap()
+    }
+}
+
+fn ray_question(kind: u32, p: Point, towards: Vec3, end: u32) -> layouts::RayQuestion {
+    layouts::RayQuestion {
+        position: p.position.to_array(),
+        own: p.triangle,
+        towards: towards.to_array(),
+        end,
+        kind,
+        ..Default::default()
+    }
+}
+
+/// Nearest hits, edges, and whether points see infinity, by ray queries.
+fn ray_tallies(world: &World, scene: &Scene, count: usize, seed: u64) -> [(&'static str, Tally); 3] {
+    let points = Points::new(world.geometry());
+    let mut random = Random(seed);
+    let (mut nearest, mut edges, mut infinity) = (Tally::default(), Tally::default(), Tally::default());
+    let rays: Vec<(Point, Vec3)> =
+        (0..count).map(|_| (points.draw(&mut random), uniform_sphere(random.pair()))).collect();
+    let ask = |kind| {
+        let questions: Vec<_> = rays.iter().map(|&(p, w)| ray_question(kind, p, w, NONE)).collect();
+        world.ask_rays(scene, &questions)
+    };
+    let expected: Vec<_> = rays.iter().map(|&(p, w)| (p.position, w, p.triangle)).collect();
+    compare_nearest(world, &mut nearest, &expected, &ask(ASK_NEAREST), true);
+
+    let seen: Vec<[u32; 2]> = ask(ASK_INFINITY).iter().map(|a| [if a[0] == 1 { NONE } else { 0 }, 0]).collect();
+    infinity.asked = count;
+    for (answer, &(from, direction, own)) in seen.iter().zip(&expected) {
+        let hit = world.reference.closest_hit(from, direction, Some(own));
+        if (answer[0] == NONE) != hit.is_none() {
+            let met = hit.map_or(NONE, |h| h.triangle);
+            let class = if met == NONE {
+                world.classify_edge(from, from + direction * 4.0 * world.radius, [own, NONE])
+            } else {
+                let reach = f64::from(world.radius);
+                world.classify(met, from.as_dvec3(), direction.as_dvec3(), f64::INFINITY, reach, [own, NONE])
+            };
+            infinity.count(hit.is_none(), class, || format!("{from} {direction} from {own}: CPU met {met}"));
+        }
+    }
+
+    let ends: Vec<(Point, Point)> = std::iter::repeat_with(|| (points.draw(&mut random), points.draw(&mut random)))
+        .filter(|(p, q)| p.triangle != q.triangle)
+        .take(count)
+        .collect();
+    let questions: Vec<_> = ends.iter().map(|(p, q)| ray_question(ASK_EDGE, *p, q.position, q.triangle)).collect();
+    edges.asked = count;
+    for (answer, (p, q)) in world.ask_rays(scene, &questions).iter().zip(&ends) {
+        let hidden = world.reference.occluded(p.position, q.position, Some(p.triangle), Some(q.triangle));
+        if (answer[0] == 0) != hidden {
+            let class = world.classify_edge(p.position, q.position, [p.triangle, q.triangle]);
+            edges.count(!hidden, class, || {
+                format!("{} on {} to {} on {}", p.position, p.triangle, q.position, q.triangle)
+            });
+        }
+    }
+    [("nearest by ray query", nearest), ("edges by ray query", edges), ("infinity by ray query", infinity)]
+}
+
+/// A room whose every other triangle is cut out in a pattern.
+fn masked_room() -> Scene {
+    let mut scene = displaced_room(6_000);
+    let checker = |i: u32| if (i ^ (i >> 4)) & 1 == 1 { [255; 4] } else { [255, 255, 255, 0] };
+    scene.images =
+        vec![Image { name: "checker".to_owned(), width: 16, height: 16, texels: (0..256).map(checker).collect() }];
+    scene.textures = vec![Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Nearest, srgb: false }];
+    let texture = TextureRef { texture: 0, uv_set: 0, transform: glam::Affine2::IDENTITY };
+    let value = Scalar { factor: 1.0, texture: Some((texture, 3)) };
+    let wall = scene.materials[0].clone();
+    scene.materials.push(Material { alpha_mask: Some(AlphaMask { value, cutoff: 0.5 }), ..wall });
+    let mesh = &mut scene.meshes[0];
+    mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y + p.z) * 3.0).collect();
+    // Two walls have holes: the first and the fourth, so that geometries alternate.
+    let per_face = mesh.triangles.len() / 6;
+    let mesh = scene.meshes.remove(0);
+    for face in 0..6 {
+        let triangles = mesh.triangles[face * per_face..(face + 1) * per_face].to_vec();
+        scene.meshes.push(Mesh { triangles, material: usize::from(face % 3 == 0), ..mesh.clone() });
+    }
+    scene.instances = (0..6).map(|mesh| Instance { mesh, world_from_local: glam::Affine3A::IDENTITY }).collect();
+    scene
+}
+
+#[test]
+fn ray_queries_answer_as_the_cpu() {
+    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+    println!("{HEAD}");
+    let scenes =
+        [("Cornell box", cornell()), ("displaced room", displaced_room(60_000)), ("masked room", masked_room())];
+    for (name, scene) in scenes {
+        let world = World::new(gpu, &scene, false);
+        assert_eq!(scene.materials.len() > 1 && name == "masked room", world.plan.surface_flags.contains(&"MASKS"));
+        for (what, tally) in ray_tallies(&world, &scene, 100_000, 1) {
+            println!("{}", tally.row(name, what));
+            println!(
+                "{}",
+                tally.examples.join(
+                    "
+"
+                )
+            );
+            assert_eq!(tally.asked, 100_000);
+            assert!(tally.share() <= TOLERATED, "{name}, {what}: {tally:?}");
+            assert!(!tally.classes.contains_key(&Class::Unexplained), "{name}, {what}: {tally:?}");
+        }
+    }
+}
+
+/// Holes matter, and a wrong direction is found.
+#[test]
+fn wrong_ray_queries_are_found() {
+    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+    let masked = masked_room();
+    let filled = Scene { materials: vec![masked.materials[0].clone(); 2], ..masked.clone() };
+    let worlds = [&masked, &filled].map(|scene| World::new(gpu, scene, false));
+    let points = Points::new(worlds[0].geometry());
+    let mut random = Random(5);
+    let asked: Vec<_> = (0..20_000).map(|_| (points.draw(&mut random), uniform_sphere(random.pair()))).collect();
+    let questions: Vec<_> = asked.iter().map(|&(p, w)| ray_question(ASK_NEAREST, p, w, NONE)).collect();
+    let rays: Vec<_> = asked.iter().map(|(p, w)| (p.position, *w, p.triangle)).collect();
+    let share = |answers: &[[u32; 2]], turn: f32| {
+        let mut tally = Tally::default();
+        let rays: Vec<_> = rays.iter().map(|&(p, w, own)| (p, (w + Vec3::X * turn).normalize(), own)).collect();
+        compare_nearest(&worlds[0], &mut tally, &rays, answers, true);
+        tally.share()
+    };
+    let right = worlds[0].ask_rays(&masked, &questions);
+    assert!(share(&right, 0.0) <= TOLERATED);
+    assert!(share(&right, 0.01) > 2.0 * TOLERATED, "turned rays");
+    assert!(share(&worlds[1].ask_rays(&filled, &questions), 0.0) > 0.05, "no holes");
+}
+
+/// A wall of two sheets in one plane, the nearer one culled: the camera sees the other.
+#[test]
+fn the_camera_sees_through_culled_backs() {
+    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+    let corners = [Vec3::NEG_ONE, Vec3::new(3.0, -1.0, -1.0), Vec3::new(-1.0, 3.0, -1.0)];
+    let sheet = |material, triangle| Mesh {
+        positions: corners.to_vec(),
+        triangles: vec![triangle],
+        material,
+        ..Mesh::default()
+    };
+    let wall = Material::diffuse("wall", Vec3::ONE);
+    let scene = Scene {
+        materials: vec![Material { sides: scene::Sides::OneCulled, ..wall.clone() }, wall],
+        meshes: vec![sheet(0, [0, 2, 1]), sheet(1, [0, 1, 2])],
+        instances: (0..2).map(|mesh| Instance { mesh, world_from_local: glam::Affine3A::IDENTITY }).collect(),
+        ..Scene::default()
+    };
+    let world = World::new(gpu, &scene, false);
+    let from = |z| Point { position: Vec3::new(-0.5, -0.4, z), triangle: NONE };
+    let ask = |kind, z: f32| ray_question(kind, from(z), Vec3::Z * -z.signum(), NONE);
+    let answers = world.ask_rays(
+        &scene,
+        &[ask(ASK_CAMERA, 1.0), ask(ASK_CAMERA, -3.0), ray_question(ASK_CAMERA, from(-3.0), Vec3::Z, NONE)],
+    );
+    assert_eq!(answers[0][0], 1, "the culled back lets the ray pass");
+    assert_eq!(f32::from_bits(answers[0][1]), 2.0);
+    assert!(answers[1][0] <= 1 && answers[2] == answers[1], "the culled front does not: {answers:?}");
+}
+
 fn cornell() -> Scene {
     scene::load("builtin:cornell_point").unwrap()
 }
@@ -577,7 +767,8 @@ fn exact_answers_do_not_depend_on_the_resolution() {
     let mut nodes = Vec::new();
     for resolution in [64, 128, 256, 512] {
         let bundle = world.fill(&parallel(forward, world.scene.bounds, 0.4, None, resolution), resolution);
-        let around = world.fill(&layouts::View { exclude: from.triangle, ..perspective(from.position, world.radius) }, resolution);
+        let around = world
+            .fill(&layouts::View { exclude: from.triangle, ..perspective(from.position, world.radius) }, resolution);
         let along =
             asked.iter().enumerate().map(|(i, p)| query(p.position, p.triangle, i % 2 == 0)).collect::<Vec<_>>();
         let edges = asked.iter().map(|p| query(p.position, p.triangle, false)).collect::<Vec<_>>();

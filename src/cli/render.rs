@@ -9,16 +9,17 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
+use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::renderer::Renderer;
+use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{Method, SAMPLES, Settings, UNLIMITED};
 
 use super::output;
 use super::view::ViewArgs;
 
-/// Most iterations of `raster` between two looks at the clock.
+/// Most samples between two looks at the clock.
 const ROUND: u64 = 8;
 
 #[derive(clap::Args)]
@@ -92,6 +93,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let job = Job { args, exposure, load, scene: &scene, settings: &settings };
     match settings.method {
         Method::Raster => job.raster(),
+        Method::RayQuery | Method::Path => job.paths(),
         Method::Reference => job.reference(),
     }
 }
@@ -125,8 +127,41 @@ impl Job<'_> {
         let began = Instant::now();
         let gpu = Gpu::new()?;
         let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
-        let setup = began.elapsed().as_secs_f64();
+        let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
+        let plan = renderer.plan();
+        let wanted = renderer.stats().demands;
+        let demands = wanted.iter().zip(plan.views()).enumerate();
+        let stats = Stats {
+            demands: demands
+                .map(|(i, (&[items, nodes], (resolution, _)))| Demand {
+                    view: view_name(i, plan.light_vertices as usize),
+                    resolution,
+                    items,
+                    nodes,
+                })
+                .collect(),
+            plan: Some(plan),
+            ..stats
+        };
+        self.finish(&film, &stats)
+    }
 
+    fn paths(&self) -> Result<()> {
+        let began = Instant::now();
+        let gpu = Gpu::with_ray_queries()?;
+        let mut renderer = PathRenderer::new(&gpu, self.scene, self.settings)?;
+        let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
+        self.finish(&film, &stats)
+    }
+
+    /// Renders as many samples as asked for, or as the budget allows. `began`: when the setup did.
+    fn progressive(
+        &self,
+        gpu: &Gpu,
+        renderer: &mut dyn Progressive,
+        began: Instant,
+    ) -> Result<(Film, Stats<'_>), RenderError> {
+        let setup = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let bar = self.bar(self.settings.samples.into());
         match self.settings.budget {
@@ -147,32 +182,20 @@ impl Job<'_> {
         let film = renderer.film()?;
         bar.finish_and_clear();
         let render = began.elapsed().as_secs_f64();
-
-        let stats = renderer.stats();
-        let plan = renderer.plan();
-        let demands = stats.demands.iter().zip(plan.views()).enumerate();
+        let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } = renderer.stats();
         let stats = Stats {
             device: gpu.capabilities.adapter.clone(),
-            samples: stats.samples,
+            samples,
             seconds: Seconds { load: self.load, setup, render },
-            bytes: stats.bytes,
-            scene_bytes: stats.scene_bytes,
-            non_finite: stats.non_finite,
-            lost_nodes: stats.lost_nodes,
-            redone: stats.redone,
-            demands: demands
-                .map(|(i, (&[items, nodes], (resolution, _)))| Demand {
-                    view: view_name(i, plan.light_vertices as usize),
-                    resolution,
-                    items,
-                    nodes,
-                })
-                .collect(),
-            passes: stats.passes,
-            plan: Some(plan),
+            bytes,
+            scene_bytes,
+            non_finite,
+            lost_nodes,
+            redone,
+            passes,
             ..self.empty_stats()
         };
-        self.finish(&film, &stats)
+        Ok((film, stats))
     }
 
     fn reference(&self) -> Result<()> {
@@ -237,7 +260,9 @@ impl Job<'_> {
         }
         let (total, template) = match (self.settings.budget, self.settings.method) {
             (Some(seconds), _) => ((seconds * 1000.0) as u64, "{bar:40} {msg}, {elapsed} of the budget"),
-            (None, Method::Raster) => (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left"),
+            (None, Method::Raster | Method::RayQuery | Method::Path) => {
+                (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
+            }
             (None, Method::Reference) => (total, "{bar:40} {percent} % of the pixels, {msg}, {eta} left"),
         };
         let bar = ProgressBar::new(total);

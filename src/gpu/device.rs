@@ -21,9 +21,32 @@ pub enum GpuError {
         /// What it said.
         cause: String,
     },
+    /// The adapter has no ray queries.
+    #[error(
+        "the adapter {adapter} has no ray queries (the feature {feature} is missing); use --method raster, which needs none"
+    )]
+    NoRayQueries {
+        /// Its name and driver.
+        adapter: String,
+        /// What it lacks, as wgpu calls it.
+        feature: String,
+    },
     /// A validation, memory or driver error during work.
     #[error("the graphics device reported: {0}")]
     Device(String),
+}
+
+/// What ray-query methods need of an adapter.
+const RAY_QUERIES: wgpu::Features = wgpu::Features::EXPERIMENTAL_RAY_QUERY;
+
+/// wgpu's consent to an interface that is not yet final.
+#[expect(
+    unsafe_code,
+    reason = "wgpu offers ray queries only to those who sign that its own code may still be unsound; ours adds nothing to it"
+)]
+fn ray_query_token() -> wgpu::ExperimentalFeatures {
+    // SAFETY: the contract asks for knowledge of this and for reports of errors found.
+    unsafe { wgpu::ExperimentalFeatures::enabled() }
 }
 
 /// What the adapter offers beyond what every adapter has.
@@ -35,6 +58,8 @@ pub struct Capabilities {
     pub software: bool,
     /// Whether passes can be timed.
     pub timestamps: bool,
+    /// Whether the device was opened with ray queries.
+    pub ray_queries: bool,
     /// Largest storage binding in bytes.
     pub max_binding_bytes: u64,
     /// Largest buffer in bytes.
@@ -65,6 +90,18 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
     pub fn new() -> Result<Self, GpuError> {
+        Self::open(false)
+    }
+
+    /// The same, with ray queries.
+    ///
+    /// # Errors
+    /// [`GpuError::NoRayQueries`] where the adapter has none; otherwise as [`Self::new`].
+    pub fn with_ray_queries() -> Result<Self, GpuError> {
+        Self::open(true)
+    }
+
+    fn open(ray_queries: bool) -> Result<Self, GpuError> {
         let descriptor = wgpu::InstanceDescriptor {
             backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
             ..wgpu::InstanceDescriptor::new_without_display_handle()
@@ -77,12 +114,22 @@ impl Gpu {
         let adapter =
             pollster::block_on(instance.request_adapter(&options)).map_err(|e| GpuError::NoAdapter(e.to_string()))?;
         let info = adapter.get_info();
+        let name = format!("{} ({})", info.name, info.driver_info);
         let limits = adapter.limits();
-        let features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let mut features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        if ray_queries {
+            let missing = RAY_QUERIES - adapter.features();
+            if !missing.is_empty() {
+                let feature = missing.iter_names().map(|(name, _)| name).collect::<Vec<_>>().join(", ");
+                return Err(GpuError::NoRayQueries { adapter: name, feature });
+            }
+            features |= RAY_QUERIES;
+        }
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
             label: Some("lightsheaf"),
             required_features: features,
             required_limits: limits.clone(),
+            experimental_features: if ray_queries { ray_query_token() } else { wgpu::ExperimentalFeatures::disabled() },
             ..Default::default()
         }))
         .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), cause: e.to_string() })?;
@@ -98,9 +145,10 @@ impl Gpu {
         let timings = Timings::new(&device, &queue, timestamps);
         Ok(Self {
             capabilities: Capabilities {
-                adapter: format!("{} ({})", info.name, info.driver_info),
+                adapter: name,
                 software: info.device_type == wgpu::DeviceType::Cpu,
                 timestamps,
+                ray_queries,
                 max_binding_bytes: limits.max_storage_buffer_binding_size,
                 max_buffer_bytes: limits.max_buffer_size,
                 max_texture_side: limits.max_texture_dimension_2d,
@@ -143,6 +191,25 @@ impl Gpu {
     pub fn upload<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> wgpu::Buffer {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         let buffer = self.storage(label, bytes.len() as u64);
+        self.queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    }
+
+    /// A buffer with contents that acceleration structures can be built from. The device must have ray queries.
+    #[must_use]
+    pub fn upload_for_building<T: bytemuck::NoUninit>(
+        &self,
+        label: &str,
+        data: &[T],
+        more: wgpu::BufferUsages,
+    ) -> wgpu::Buffer {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: (bytes.len() as u64).next_multiple_of(16).max(16),
+            usage: wgpu::BufferUsages::BLAS_INPUT | wgpu::BufferUsages::COPY_DST | more,
+            mapped_at_creation: false,
+        });
         self.queue.write_buffer(&buffer, 0, bytes);
         buffer
     }

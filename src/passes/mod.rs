@@ -1,12 +1,17 @@
-//! The passes: one Rust file and one shader file each. They know nothing of each other; `frame.rs` wires them.
+//! The passes: one Rust file and one shader file each. They know nothing of each other; `frame.rs` wires those of
+//! raster, `path_renderer.rs` those that trace rays.
 
 pub mod accumulate;
 pub mod connect;
 pub mod depth_maps;
 pub mod extend;
+pub mod eye_paths;
 pub mod eye_vertices;
 pub mod gbuffer;
+pub mod light_paths;
 pub mod light_subpath;
 pub mod queries;
+pub mod ray_queries;
+pub mod resolve;
 pub mod view_lists;
 pub mod view_setup;

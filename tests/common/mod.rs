@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::renderer::{RenderStats, Renderer};
+use lightsheaf::renderer::{Progressive as _, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::Settings;
 
@@ -22,6 +22,21 @@ pub fn gpu() -> Option<&'static Gpu> {
         Err(error) => {
             assert!(std::env::var("REQUIRE_GPU").as_deref() != Ok("1"), "REQUIRE_GPU is 1, but {error}");
             println!("skipped: no Vulkan device ({error})");
+            None
+        }
+    })
+    .as_ref()
+}
+
+/// The same device with ray queries, opened once per test binary. Without them, says so and gives none; where `REQUIRE_GPU` is 1,
+/// fails instead.
+pub fn gpu_with_ray_queries() -> Option<&'static Gpu> {
+    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
+    GPU.get_or_init(|| match Gpu::with_ray_queries() {
+        Ok(gpu) => Some(gpu),
+        Err(error) => {
+            assert!(std::env::var("REQUIRE_GPU").as_deref() != Ok("1"), "REQUIRE_GPU is 1, but {error}");
+            println!("skipped: no ray queries ({error})");
             None
         }
     })

@@ -1,0 +1,225 @@
+//! All lights of a scene in one table for subpaths (shaders/lib/lights.wesl): punctual lights, emissive triangles, environment.
+//!
+//! One of each subpath's or connection's lights is chosen by its share: within its group by power, the groups half by power and half
+//! evenly, since a sun may be strong elsewhere and dark here.
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+use crate::layouts::LightRecord;
+use crate::lights;
+use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFalloff};
+
+/// Rec. 709 luminance.
+const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+// LightRecord.kind of lib/lights.wesl, beside those of punctual lights.
+const AREA: u32 = 4;
+const SKY: u32 = 5;
+
+/// The lights, as the shaders read them.
+pub struct LightTable {
+    /// One each; where there is none, one that nothing chooses.
+    pub records: Vec<LightRecord>,
+    /// Cumulative probabilities.
+    pub sums: Vec<f32>,
+    /// Per triangle, density per area of its points as x_0; empty where none emits.
+    pub emission_pdfs: Vec<f32>,
+    /// The environment's map, where there is one.
+    pub sky: Option<SkyTable>,
+    /// Probability of the environment.
+    pub environment_probability: f32,
+    /// Luminance of all power, watts.
+    pub power: f32,
+}
+
+/// Cumulative shares of an environment map's cells (shaders/lib/sky.wesl).
+pub struct SkyTable {
+    /// Of the bands, then of each band's cells.
+    pub shares: Vec<f32>,
+    /// Number of bands.
+    pub bands: u32,
+    /// Cells in a band.
+    pub columns: u32,
+    /// Integral of luminance times the bands' sine over the unit square.
+    pub integral: f32,
+}
+
+impl LightTable {
+    /// Gathers the lights of a scene within a sphere. `constant_sky`: whether an environment without a map takes part; next-event
+    /// estimation leaves it to the BSDFs.
+    #[must_use]
+    pub fn new(scene: &Scene, geometry: &Geometry, (_, radius): (Vec3, f32), constant_sky: bool) -> Self {
+        let disc = PI * radius * radius;
+        let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
+        groups[0] = scene.lights.iter().map(|l| (record(l), lights::power(l, disc).dot(LUMINANCE))).collect();
+
+        let radiances: Vec<f32> = scene
+            .materials
+            .iter()
+            .map(|m| {
+                m.emission
+                    .map_or(0.0, |e| mean(scene, &e.radiance).dot(LUMINANCE) * PI * if e.two_sided { 2.0 } else { 1.0 })
+            })
+            .collect();
+        for (triangle, &material) in geometry.materials.iter().enumerate() {
+            let power = radiances[material as usize] * area(geometry, triangle);
+            if power != 0.0 {
+                let record = LightRecord { kind: AREA, triangle: triangle as u32, ..Default::default() };
+                groups[1].push((record, power));
+            }
+        }
+
+        let mut sky = None;
+        if let Some(environment) = &scene.environment {
+            let flux = match &environment.map {
+                Some(map) => {
+                    sky = SkyTable::new(map);
+                    sky.as_ref().map_or(0.0, |s| s.integral * 2.0 * PI * PI)
+                }
+                None if constant_sky => 4.0 * PI,
+                None => 0.0,
+            };
+            let power = flux * environment.radiance.dot(LUMINANCE) * disc;
+            if power != 0.0 {
+                groups[2].push((LightRecord { kind: SKY, ..Default::default() }, power));
+            }
+        }
+        Self::from_groups(groups, geometry, sky)
+    }
+
+    /// Number of lights that shine.
+    #[must_use]
+    pub fn count(&self) -> u32 {
+        self.sums.len() as u32
+    }
+
+    fn from_groups(groups: [Vec<(LightRecord, f32)>; 3], geometry: &Geometry, sky: Option<SkyTable>) -> Self {
+        // What is not a number has to be met sometimes, to show in the picture and in the count of such values.
+        let countable = |power: f32| if power.is_finite() { f64::from(power.max(0.0)) } else { 1.0 };
+        let powers: Vec<f64> = groups.iter().map(|g| g.iter().map(|(_, p)| countable(*p)).sum()).collect();
+        let total: f64 = powers.iter().sum();
+        let shining = powers.iter().filter(|p| **p > 0.0).count() as f64;
+        let mut out = Self {
+            records: Vec::new(),
+            sums: Vec::new(),
+            emission_pdfs: Vec::new(),
+            sky,
+            environment_probability: 0.0,
+            power: total as f32,
+        };
+        let mut sum = 0.0_f64;
+        for (group, power) in groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0) {
+            let of_group = 0.5 * power / total + 0.5 / shining;
+            for (mut record, own) in group {
+                let before = sum as f32;
+                sum += countable(own) / power * of_group;
+                record.probability = sum as f32 - before;
+                match record.kind {
+                    AREA => {
+                        out.emission_pdfs.resize(geometry.triangles.len(), 0.0);
+                        let triangle = record.triangle as usize;
+                        out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
+                    }
+                    SKY => out.environment_probability = record.probability,
+                    _ => (),
+                }
+                out.records.push(record);
+                out.sums.push(sum as f32);
+            }
+        }
+        if out.records.is_empty() {
+            out.records.push(LightRecord::default());
+        }
+        out
+    }
+}
+
+impl SkyTable {
+    /// None where the map is black.
+    fn new(map: &EnvironmentMap) -> Option<Self> {
+        let (width, height) = (map.width as usize, map.height as usize);
+        let luminance = |row: usize, column: usize| {
+            let texel = map.texels[row.min(height - 1) * width + column % width];
+            f64::from(Vec3::from(texel).dot(LUMINANCE).max(0.0))
+        };
+        // Bands end where rows are met, and at the poles.
+        let bands = if map.rows == Rows::AtPoles { (height - 1).max(1) } else { height + 1 };
+        let knot = |band: usize| match map.rows {
+            Rows::AtPoles => band as f64 / (height - 1).max(1) as f64,
+            Rows::Centred => ((band as f64 - 0.5) / height as f64).clamp(0.0, 1.0),
+        };
+        let above = |band: usize| if map.rows == Rows::AtPoles { band } else { band.saturating_sub(1) };
+        let below = |band: usize| if map.rows == Rows::AtPoles { band + 1 } else { band };
+        let mut columns = Vec::with_capacity(bands * width);
+        let mut sums = Vec::with_capacity(bands);
+        let mut integral = 0.0;
+        for band in 0..bands {
+            let mut sum = 0.0;
+            let cells: Vec<f64> = (0..width)
+                .map(|cell| {
+                    let (a, b) = (above(band), below(band));
+                    sum += luminance(a, cell) + luminance(a, cell + 1) + luminance(b, cell) + luminance(b, cell + 1);
+                    sum
+                })
+                .collect();
+            columns.extend(cells.iter().map(|c| if sum > 0.0 { (c / sum) as f32 } else { 0.0 }));
+            let sine = (0.5 * (knot(band) + knot(band + 1)) * std::f64::consts::PI).sin();
+            integral += 0.25 * sum / width as f64 * (knot(band + 1) - knot(band)) * sine;
+            sums.push(integral);
+        }
+        let shares: Vec<f32> = sums.iter().map(|s| (s / integral) as f32).chain(columns).collect();
+        let integral = integral as f32;
+        (integral > 0.0 && integral.is_finite()).then_some(Self {
+            shares,
+            bands: bands as u32,
+            columns: width as u32,
+            integral,
+        })
+    }
+}
+
+fn record(light: &Light) -> LightRecord {
+    let record = LightRecord::default();
+    match *light {
+        Light::Point { position, intensity } => {
+            LightRecord { position: position.to_array(), intensity: intensity.to_array(), ..record }
+        }
+        Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff } => LightRecord {
+            kind: 1,
+            position: position.to_array(),
+            direction: direction.to_array(),
+            intensity: intensity.to_array(),
+            cos_inner: inner_angle.min(outer_angle).cos(),
+            cos_outer: outer_angle.cos(),
+            falloff: u32::from(falloff == SpotFalloff::AngleLinear),
+            ..record
+        },
+        Light::Directional { direction, irradiance } => {
+            LightRecord { kind: 2, direction: direction.to_array(), intensity: irradiance.to_array(), ..record }
+        }
+    }
+}
+
+/// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.
+fn mean(scene: &Scene, color: &Color) -> Vec3 {
+    let Some(reference) = color.texture else { return color.factor };
+    let texture = &scene.textures[reference.texture];
+    let image = &scene.images[texture.image];
+    let linear = |v: u8| {
+        let v = f32::from(v) / 255.0;
+        match texture.srgb {
+            false => v,
+            true if v <= 0.04045 => v / 12.92,
+            true => ((v + 0.055) / 1.055).powf(2.4),
+        }
+    };
+    let sum: Vec3 = image.texels.iter().map(|t| Vec3::new(linear(t[0]), linear(t[1]), linear(t[2]))).sum();
+    color.factor * sum / image.texels.len().max(1) as f32
+}
+
+fn area(geometry: &Geometry, triangle: usize) -> f32 {
+    let [a, b, c] = geometry.positions(triangle);
+    0.5 * (b - a).cross(c - a).length()
+}

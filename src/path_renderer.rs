@@ -1,0 +1,248 @@
+//! Renders a scene with ray queries: path tracing, or bidirectional path tracing (Veach 1997; Sun 2020) with every strategy (s, t),
+//! s >= 0 and t >= 1.
+//!
+//! A sample is one eye subpath per pixel and, bidirectionally, as many light subpaths. Light subpaths are traced first, joined to the
+//! camera and stored; eye subpaths are joined to lights and to the vertices stored for their pixel. Pixels come in groups, so that
+//! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
+
+use crate::acceleration::Acceleration;
+use crate::film::Film;
+use crate::gpu::{Gpu, GpuError, read_back};
+use crate::gpu_scene::GpuScene;
+use crate::iteration::describe_camera_and_sky;
+use crate::layouts;
+use crate::light_table::LightTable;
+use crate::passes::eye_paths::EyePaths;
+use crate::passes::light_paths::LightPaths;
+use crate::passes::resolve::Resolve;
+use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, read_film};
+use crate::scene::{Geometry, Scene, SceneStats};
+use crate::settings::{Method, Settings, UNLIMITED};
+
+/// Samples between looks at the log.
+const BATCH: u64 = 8;
+
+/// `Paths.only_s` where all strategies count.
+const ANY: u32 = u32::MAX;
+
+/// Bounces that nothing reaches: roulette ends paths long before.
+const ENDLESS: u32 = 1 << 24;
+
+/// Buffers of what a sample shares (shaders/lib/paths.wesl).
+struct Shared {
+    frame: wgpu::Buffer,
+    paths: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    light_sums: wgpu::Buffer,
+    emission_pdfs: wgpu::Buffer,
+    sky_table: wgpu::Buffer,
+}
+
+/// Buffers per pixel.
+struct Pixels {
+    radiance: wgpu::Buffer,
+    film: wgpu::Buffer,
+    log: wgpu::Buffer,
+    /// Light subpaths and splats.
+    light: Option<(wgpu::Buffer, wgpu::Buffer)>,
+}
+
+/// A scene being rendered with ray queries.
+pub struct PathRenderer<'gpu> {
+    gpu: &'gpu Gpu,
+    scene: GpuScene,
+    acceleration: Acceleration,
+    settings: Settings,
+    constants: layouts::Paths,
+    /// Pixels whose subpaths are traced together.
+    group: u32,
+    light_paths: Option<LightPaths>,
+    eye_paths: EyePaths,
+    resolve: Resolve,
+    shared: Shared,
+    pixels: Pixels,
+    samples: u64,
+    stats: RenderStats,
+}
+
+impl<'gpu> PathRenderer<'gpu> {
+    /// Uploads the scene, builds its acceleration structures and pipelines. The method is `path` or `ray-query`.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
+    /// [`RenderError::Gpu`], also where the device was opened without ray queries.
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
+        if !gpu.capabilities.ray_queries {
+            return Err(GpuError::Device("it was opened without ray queries".to_owned()).into());
+        }
+        let camera = camera_of(scene, settings)?;
+        check_size(gpu, settings)?;
+        let geometry = Geometry::new(scene);
+        let stats = SceneStats::new(scene, &geometry);
+        let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        let acceleration = Acceleration::new(gpu, &gpu_scene, scene, &geometry);
+        let both_sides = settings.method == Method::RayQuery;
+        let (center, radius) = gpu_scene.sphere();
+        let table = LightTable::new(scene, &geometry, (center, radius), both_sides);
+        let flags = flags(scene, &stats, both_sides);
+
+        let pixels = settings.width * settings.height;
+        let bounces = if settings.bounces == UNLIMITED { ENDLESS } else { settings.bounces };
+        let per_pixel = u64::from(bounces.max(1)) * size_of::<layouts::PathVertex>() as u64;
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let group = if both_sides { (limit / per_pixel).min(u64::from(pixels)) as u32 } else { pixels };
+        let group = group.min(gpu.device.limits().max_compute_workgroups_per_dimension * 64);
+        let lens = camera.lens.filter(|_| matches!(camera.projection, crate::scene::Projection::Perspective { .. }));
+        let sky = table.sky.as_ref();
+        let constants = layouts::Paths {
+            center: center.to_array(),
+            radius,
+            seed: settings.seed,
+            bounces,
+            light_count: table.count(),
+            lens_radius: lens.map_or(0.0, |l| l.radius),
+            focus: lens.map_or(1.0, |l| l.focus),
+            only_s: settings.only.map_or(ANY, |o| o.s),
+            only_t: settings.only.map_or(ANY, |o| o.t),
+            unweighted: u32::from(settings.only.is_some_and(|o| !o.weighted)),
+            splat_scale: splat_scale(table.power, radius),
+            environment_probability: table.environment_probability,
+            environment_integral: sky.map_or(0.0, |s| s.integral),
+            environment_bands: sky.map_or(1, |s| s.bands),
+            environment_columns: sky.map_or(1, |s| s.columns),
+            ..Default::default()
+        };
+        let frame = gpu.uniform::<layouts::Frame>("frame");
+        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera_and_sky(&gpu_scene, &camera, settings)));
+        let bytes = u64::from(pixels);
+        let this = Self {
+            light_paths: both_sides.then(|| LightPaths::new(gpu, &flags)),
+            eye_paths: EyePaths::new(gpu, &flags),
+            resolve: Resolve::new(gpu, &flags),
+            shared: Shared {
+                frame,
+                paths: gpu.uniform::<layouts::Paths>("paths"),
+                lights: gpu.upload("lights", &table.records),
+                light_sums: gpu.upload("light_sums", &table.sums),
+                emission_pdfs: gpu.upload("emission_pdfs", &table.emission_pdfs),
+                sky_table: gpu.upload("sky_table", sky.map_or(&[][..], |s| &s.shares)),
+            },
+            pixels: Pixels {
+                radiance: gpu.storage("radiance", bytes * 16),
+                film: gpu.storage("film", bytes * 32),
+                log: gpu.storage("log", 16),
+                light: both_sides.then(|| {
+                    let vertices = gpu.storage("path_vertices", u64::from(group) * per_pixel);
+                    (vertices, gpu.storage("splats", bytes * 24))
+                }),
+            },
+            gpu,
+            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            scene: gpu_scene,
+            acceleration,
+            settings: settings.clone(),
+            constants,
+            group,
+            samples: 0,
+        };
+        gpu.check()?;
+        Ok(this)
+    }
+
+    /// One sample of every pixel.
+    fn sample(&self, number: u64) {
+        let pixels = self.settings.width * self.settings.height;
+        let mut bindings = self.scene.with(&self.acceleration.bindings());
+        bindings.extend([
+            ("frame", self.shared.frame.as_entire_binding()),
+            ("paths", self.shared.paths.as_entire_binding()),
+            ("lights", self.shared.lights.as_entire_binding()),
+            ("light_sums", self.shared.light_sums.as_entire_binding()),
+            ("emission_pdfs", self.shared.emission_pdfs.as_entire_binding()),
+            ("sky_table", self.shared.sky_table.as_entire_binding()),
+            ("radiance", self.pixels.radiance.as_entire_binding()),
+            ("film", self.pixels.film.as_entire_binding()),
+            ("log", self.pixels.log.as_entire_binding()),
+        ]);
+        if let Some((vertices, splats)) = &self.pixels.light {
+            bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
+        }
+        for first in (0..pixels).step_by(self.group as usize) {
+            let count = self.group.min(pixels - first);
+            let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
+            self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+            let mut encoder =
+                self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
+            if let Some(light_paths) = &self.light_paths {
+                light_paths.record(self.gpu, &mut encoder, count, &bindings);
+            }
+            self.eye_paths.record(self.gpu, &mut encoder, count, &bindings);
+            if first + count == pixels {
+                let size = [self.settings.width, self.settings.height];
+                self.resolve.record(self.gpu, &mut encoder, size, &bindings);
+            }
+            self.gpu.queue.submit([encoder.finish()]);
+        }
+    }
+}
+
+impl Progressive for PathRenderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.samples + samples;
+        while self.samples < end {
+            let next = end.min(self.samples + BATCH);
+            (self.samples..next).for_each(|number| self.sample(number));
+            let non_finite: Vec<u32> = read_back(self.gpu, &self.pixels.log, 1)?;
+            self.stats.non_finite += u64::from(non_finite[0]);
+            self.gpu.queue.write_buffer(&self.pixels.log, 0, &[0; 4]);
+            self.gpu.timings.collect(self.gpu)?;
+            self.samples = next;
+            if !progress(self.samples) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn film(&self) -> Result<Film, RenderError> {
+        read_film(self.gpu, &self.pixels.film, &self.settings, self.samples)
+    }
+
+    fn stats(&self) -> RenderStats {
+        let Pixels { radiance, film, light, .. } = &self.pixels;
+        let of_light = light.as_ref().map_or(0, |(vertices, splats)| vertices.size() + splats.size());
+        RenderStats {
+            samples: self.samples,
+            bytes: radiance.size() + film.size() + of_light,
+            passes: self.gpu.timings.totals(),
+            ..self.stats.clone()
+        }
+    }
+}
+
+/// Flags of the shaders that a scene needs.
+#[must_use]
+pub fn flags(scene: &Scene, stats: &SceneStats, both_sides: bool) -> Vec<&'static str> {
+    let glossy = stats.glossy_triangles > 0;
+    let on = [
+        ("TEXTURES", stats.texels > 0),
+        ("VERTEX_COLORS", stats.vertex_colors),
+        ("GLOSSY", glossy),
+        ("SPECULAR", glossy),
+        ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
+        ("MASKS", stats.masked_triangles > 0),
+        ("EMISSION", stats.emissive_triangles > 0),
+        ("ENVIRONMENT", stats.environment),
+        ("ENVIRONMENT_MAP", stats.environment_map),
+        ("LIGHT_PATHS", both_sides),
+    ];
+    on.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
+}
+
+/// Units of the splats per unit of radiance: a power of two that gives the scene's mean radiance 32 bits below the point and
+/// leaves 31 above it.
+fn splat_scale(power: f32, radius: f32) -> f32 {
+    let mean = f64::from(power) / (4.0 * std::f64::consts::PI.powi(2) * f64::from(radius).powi(2));
+    if mean > 0.0 && mean.is_finite() { (32.0 - mean.log2().round()).clamp(-90.0, 90.0).exp2() as f32 } else { 1.0 }
+}
