@@ -112,14 +112,17 @@ layouts! {
         light_cos_outer: f32,
         light_intensity: [f32; 3],
         light_falloff: u32,
-        sample_direction: [f32; 3],
-        sample_pdf: f32,
+        light_right: [f32; 3],
+        light_radius: f32,
         environment: [f32; 3],
         environment_rows_at_poles: u32,
         environment_from_world: [[f32; 4]; 3],
+        y1_random: [f32; 2],
         y2_random: [f32; 2],
         beta: f32,
         iteration: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// A strategy's constants.

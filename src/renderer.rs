@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::acceleration::Acceleration;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -99,7 +100,13 @@ impl<'gpu> Renderer<'gpu> {
                 "a view of {largest} texels a side does not fit this device, whose limit is {side}"
             )));
         }
-        let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        if plan.rays {
+            if !gpu.capabilities.ray_queries {
+                return Err(GpuError::Device("it was opened without ray queries".to_owned()).into());
+            }
+            gpu_scene.acceleration = Some(Acceleration::new(gpu, &gpu_scene, scene, &geometry));
+        }
         let (center, radius) = gpu_scene.sphere();
         let lights = Lights::new(&scene.lights, center, radius);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings);

@@ -17,6 +17,8 @@ pub enum Answers {
     },
     /// A depth map.
     DepthMap,
+    /// Ray queries: nothing is kept beside the place and direction.
+    Rays,
 }
 
 /// The nearest triangle of each texel and its depth (shaders/lib/depth_map.wesl).
@@ -98,6 +100,7 @@ impl ViewBuffers {
         let (list_words, depth_map) = match answers {
             Answers::Lists { node_words } => (texels + node_words * node_room, None),
             Answers::DepthMap => (0, Some(DepthMap::new(gpu, atlas(resolution, faces)))),
+            Answers::Rays => (0, None),
         };
         let out = Self {
             resolution,

@@ -84,6 +84,7 @@ fn without_light_only_the_camera_looks() {
         ("view_setup", 0),
         ("view_lists", 0),
         ("depth_maps", 0),
+        ("rsm", 0),
         ("light_subpath", 0),
         ("gbuffer", 1),
         ("eye_vertices", 1),

@@ -16,7 +16,6 @@ use clap::{Parser, Subcommand};
 use lightsheaf::gpu::Gpu;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::scene::{self, Geometry, SceneStats};
-use lightsheaf::settings::Method;
 
 use view::ViewArgs;
 
@@ -78,8 +77,9 @@ pub fn run() -> ExitCode {
 }
 
 fn plan(args: &PlanArgs) -> Result<()> {
-    if args.view.settings.method != Method::Raster {
-        bail!("--method {}: only raster has a plan", args.view.settings.method);
+    let method = args.view.settings.method;
+    if !method.shares_subpaths() {
+        bail!("--method {method}: only raster and twin have a plan");
     }
     let (scene, settings) = args.view.load()?;
     let gpu = Gpu::new()?;

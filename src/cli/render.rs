@@ -92,7 +92,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let load = began.elapsed().as_secs_f64();
     let job = Job { args, exposure, load, scene: &scene, settings: &settings };
     match settings.method {
-        Method::Raster => job.raster(),
+        Method::Raster | Method::Twin => job.raster(),
         Method::RayQuery | Method::Path => job.paths(),
         Method::Reference => job.reference(),
     }
@@ -125,7 +125,7 @@ struct Job<'a> {
 impl Job<'_> {
     fn raster(&self) -> Result<()> {
         let began = Instant::now();
-        let gpu = Gpu::new()?;
+        let gpu = if self.settings.method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
         let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let plan = renderer.plan();
@@ -260,7 +260,7 @@ impl Job<'_> {
         }
         let (total, template) = match (self.settings.budget, self.settings.method) {
             (Some(seconds), _) => ((seconds * 1000.0) as u64, "{bar:40} {msg}, {elapsed} of the budget"),
-            (None, Method::Raster | Method::RayQuery | Method::Path) => {
+            (None, Method::Raster | Method::Twin | Method::RayQuery | Method::Path) => {
                 (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
             }
             (None, Method::Reference) => (total, "{bar:40} {percent} % of the pixels, {msg}, {eta} left"),

@@ -13,5 +13,6 @@ pub mod light_subpath;
 pub mod queries;
 pub mod ray_queries;
 pub mod resolve;
+pub mod rsm;
 pub mod view_lists;
 pub mod view_setup;
