@@ -56,6 +56,7 @@ pub struct PathRenderer<'gpu> {
     constants: layouts::Paths,
     /// Pixels whose subpaths are traced together.
     group: u32,
+    flags: Vec<&'static str>,
     light_paths: Option<LightPaths>,
     eye_paths: EyePaths,
     resolve: Resolve,
@@ -120,6 +121,7 @@ impl<'gpu> PathRenderer<'gpu> {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &flags)),
             eye_paths: EyePaths::new(gpu, &flags),
             resolve: Resolve::new(gpu, &flags),
+            flags,
             shared: Shared {
                 frame,
                 paths: gpu.uniform::<layouts::Paths>("paths"),
@@ -150,9 +152,9 @@ impl<'gpu> PathRenderer<'gpu> {
         Ok(this)
     }
 
-    /// One sample of every pixel.
-    fn sample(&self, number: u64) {
-        let pixels = self.settings.width * self.settings.height;
+    /// Everything that passes over paths read and write; names that a shader does not use are ignored.
+    #[must_use]
+    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
         let mut bindings = self.scene.with(&self.acceleration.bindings());
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
@@ -168,10 +170,28 @@ impl<'gpu> PathRenderer<'gpu> {
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
         }
+        bindings
+    }
+
+    /// Flags of the shaders.
+    #[must_use]
+    pub fn flags(&self) -> &[&'static str] {
+        &self.flags
+    }
+
+    /// Writes what a dispatch over some pixels of a sample reads.
+    pub fn describe(&self, number: u64, first: u32, count: u32) {
+        let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
+        self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+    }
+
+    /// One sample of every pixel.
+    fn sample(&self, number: u64) {
+        let pixels = self.settings.width * self.settings.height;
+        let bindings = self.bindings();
         for first in (0..pixels).step_by(self.group as usize) {
             let count = self.group.min(pixels - first);
-            let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
-            self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+            self.describe(number, first, count);
             let mut encoder =
                 self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
             if let Some(light_paths) = &self.light_paths {
