@@ -66,6 +66,19 @@ pub struct OnlyStrategy {
     pub weighted: bool,
 }
 
+impl OnlyStrategy {
+    /// Every strategy (s, t) of paths up to a number of bounces, shortest paths first: s + t - 1 edges each.
+    pub fn all(bounces: u32, weighted: bool) -> impl Iterator<Item = Self> {
+        (1..=bounces + 2).flat_map(move |edges| (0..=edges).map(move |s| Self { s, t: edges + 1 - s, weighted }))
+    }
+
+    /// The name of its image: `s2_t3` or `s2_t3_unweighted`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("s{}_t{}{}", self.s, self.t, if self.weighted { "" } else { "_unweighted" })
+    }
+}
+
 /// How `raster` tests visibility.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]

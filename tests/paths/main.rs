@@ -158,19 +158,24 @@ fn strategy_images_add_up_to_the_picture() {
         let bounces = 2;
         let full = settings(Method::RayQuery, 24, 16, bounces);
         let (whole, _) = picture(gpu, &scene, &full);
+        let mut renderer = PathRenderer::new(gpu, &scene, &full).unwrap();
         let mut sum = vec![[0.0_f64; 3]; whole.pixels.len()];
-        for edges in 1..=bounces + 2 {
-            for s in 0..=edges {
-                let only = Some(OnlyStrategy { s, t: edges + 1 - s, weighted: true });
-                let (film, _) = picture(gpu, &scene, &Settings { only, ..full.clone() });
-                let mean: f64 = film.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
-                println!("{name}: ({s}, {}) {mean}", edges + 1 - s);
-                assert!(mean > 0.0 || edges == 1, "{name}: ({s}, {}) is black", edges + 1 - s);
-                for (sum, pixel) in sum.iter_mut().zip(&film.pixels) {
-                    (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
-                }
+        let all: Vec<_> = OnlyStrategy::all(bounces, true).collect();
+        assert_eq!(all.len(), 2 + 3 + 4 + 5);
+        for only in all {
+            renderer.count_only(Some(only));
+            renderer.render(16, &mut |_| true).unwrap();
+            let film = renderer.film().unwrap();
+            let total: f64 = film.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
+            println!("{name}: {} {total}", only.name());
+            assert!(total > 0.0 || only.s + only.t == 2, "{name}: {} is black", only.name());
+            for (sum, pixel) in sum.iter_mut().zip(&film.pixels) {
+                (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
             }
         }
+        renderer.count_only(None);
+        renderer.render(16, &mut |_| true).unwrap();
+        assert!(renderer.film().unwrap() == whole, "{name}: beginning anew changes the picture");
         for (sum, pixel) in sum.iter().zip(&whole.pixels) {
             for c in 0..3 {
                 let expected = f64::from(pixel[c]);

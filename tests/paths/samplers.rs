@@ -38,7 +38,7 @@ struct Oracle<'a> {
 impl<'a> Oracle<'a> {
     fn new(gpu: &'a Gpu, scene: &Scene) -> Self {
         let renderer = PathRenderer::new(gpu, scene, &settings(Method::RayQuery, 4, 1, 1)).unwrap();
-        let pass = Compute::new(gpu, "draws", "draws", renderer.flags());
+        let pass = Compute::new(gpu, "draws", "draws", &renderer.plan().flags);
         Self { gpu, renderer, pass }
     }
 

@@ -13,7 +13,7 @@ fn sums(scene: &Scene, settings: &Settings, count: u32) -> Option<Vec<[f32; 4]>>
     let gpu = gpu_with_ray_queries()?;
     let renderer = PathRenderer::new(gpu, scene, settings).unwrap();
     renderer.describe(0, 0, count);
-    let pass = Compute::new(gpu, "mis_sums", "mis_sums", renderer.flags());
+    let pass = Compute::new(gpu, "mis_sums", "mis_sums", &renderer.plan().flags);
     let answers = gpu.storage("answers", u64::from(count) * 16);
     let mut bindings = renderer.bindings();
     bindings.push(("answers", answers.as_entire_binding()));
