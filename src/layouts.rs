@@ -196,6 +196,22 @@ layouts! {
         c: f32,
     }
 
+    /// A question to samplers.
+    struct DrawQuestion in "draws" {
+        given: [f32; 3],
+        triangle: u32,
+        w: [f32; 3],
+        kind: u32,
+    }
+
+    /// What a sampler says.
+    struct DrawAnswer in "draws" {
+        w: [f32; 3],
+        pdf_w: f32,
+        extra: [f32; 3],
+        index: u32,
+    }
+
     /// A question to ray queries.
     struct RayQuestion in "ray_queries" {
         position: [f32; 3],

@@ -40,6 +40,14 @@
 //! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
 //! [`passes::accumulate`] adds the iteration to the film.
 //!
+//! # With ray queries
+//!
+//! [`path_renderer`] follows paths of each pixel on its own where the device has ray queries: path tracing, or bidirectional path
+//! tracing with every strategy. [`passes::light_paths`] traces light subpaths and joins them to the camera,
+//! [`passes::eye_paths`] traces eye subpaths and joins them to lights and light subpaths, [`passes::resolve`] adds both to the
+//! film. Surfaces and their reflection are those of raster, mirrors and glass join them (shaders/lib/scatter); the weights of all
+//! strategies come from one running number per subpath (shaders/lib/mis_subpaths).
+//!
 //! # Glossary
 //!
 //! - **light subpath** y0 y1 y2: y0 on the light. **Eye subpath** z0 z1 z2 ...: z0 the camera.
@@ -54,8 +62,8 @@
 //!   them; or triangles that cover its centre, and depths are compared.
 //! - **`pdf_w`, `pdf_a`**: density per solid angle, per area; `pdf_a = pdf_w |cos| / d^2`.
 //! - **`a_from_b`**: a transform that takes b to a, such as `world_from_camera`.
-//! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the reference: one
-//!   path for each pixel.
+//! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the others: one path,
+//!   or one subpath of either side, for each pixel.
 //!
 //! # Import rules
 //!
@@ -79,6 +87,7 @@ pub mod light_table;
 pub mod lights;
 pub mod metrics;
 pub mod passes;
+pub mod path_plan;
 pub mod path_renderer;
 pub mod pixels;
 pub mod plan;

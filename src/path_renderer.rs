@@ -15,18 +15,16 @@ use crate::light_table::LightTable;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::resolve::Resolve;
+use crate::path_plan::PathPlan;
 use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, read_film};
-use crate::scene::{Geometry, Scene, SceneStats};
-use crate::settings::{Method, Settings, UNLIMITED};
+use crate::scene::{Geometry, Projection, Scene, SceneStats};
+use crate::settings::{Method, OnlyStrategy, Settings};
 
 /// Samples between looks at the log.
 const BATCH: u64 = 8;
 
 /// `Paths.only_s` where all strategies count.
 const ANY: u32 = u32::MAX;
-
-/// Bounces that nothing reaches: roulette ends paths long before.
-const ENDLESS: u32 = 1 << 24;
 
 /// Buffers of what a sample shares (shaders/lib/paths.wesl).
 struct Shared {
@@ -54,8 +52,7 @@ pub struct PathRenderer<'gpu> {
     acceleration: Acceleration,
     settings: Settings,
     constants: layouts::Paths,
-    /// Pixels whose subpaths are traced together.
-    group: u32,
+    plan: PathPlan,
     light_paths: Option<LightPaths>,
     eye_paths: EyePaths,
     resolve: Resolve,
@@ -85,27 +82,19 @@ impl<'gpu> PathRenderer<'gpu> {
         let both_sides = settings.method == Method::RayQuery;
         let (center, radius) = gpu_scene.sphere();
         let table = LightTable::new(scene, &geometry, (center, radius), both_sides);
-        let flags = flags(scene, &stats, both_sides);
-
-        let pixels = settings.width * settings.height;
-        let bounces = if settings.bounces == UNLIMITED { ENDLESS } else { settings.bounces };
-        let per_pixel = u64::from(bounces.max(1)) * size_of::<layouts::PathVertex>() as u64;
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        let group = if both_sides { (limit / per_pixel).min(u64::from(pixels)) as u32 } else { pixels };
-        let group = group.min(gpu.device.limits().max_compute_workgroups_per_dimension * 64);
-        let lens = camera.lens.filter(|_| matches!(camera.projection, crate::scene::Projection::Perspective { .. }));
+        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
         let sky = table.sky.as_ref();
         let constants = layouts::Paths {
             center: center.to_array(),
             radius,
             seed: settings.seed,
-            bounces,
+            bounces: plan.bounces,
             light_count: table.count(),
             lens_radius: lens.map_or(0.0, |l| l.radius),
             focus: lens.map_or(1.0, |l| l.focus),
-            only_s: settings.only.map_or(ANY, |o| o.s),
-            only_t: settings.only.map_or(ANY, |o| o.t),
-            unweighted: u32::from(settings.only.is_some_and(|o| !o.weighted)),
+            only_s: ANY,
+            only_t: ANY,
             splat_scale: splat_scale(table.power, radius),
             environment_probability: table.environment_probability,
             environment_integral: sky.map_or(0.0, |s| s.integral),
@@ -115,11 +104,11 @@ impl<'gpu> PathRenderer<'gpu> {
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera_and_sky(&gpu_scene, &camera, settings)));
-        let bytes = u64::from(pixels);
-        let this = Self {
-            light_paths: both_sides.then(|| LightPaths::new(gpu, &flags)),
-            eye_paths: EyePaths::new(gpu, &flags),
-            resolve: Resolve::new(gpu, &flags),
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let mut this = Self {
+            light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
+            eye_paths: EyePaths::new(gpu, &plan.flags),
+            resolve: Resolve::new(gpu, &plan.flags),
             shared: Shared {
                 frame,
                 paths: gpu.uniform::<layouts::Paths>("paths"),
@@ -129,13 +118,11 @@ impl<'gpu> PathRenderer<'gpu> {
                 sky_table: gpu.upload("sky_table", sky.map_or(&[][..], |s| &s.shares)),
             },
             pixels: Pixels {
-                radiance: gpu.storage("radiance", bytes * 16),
-                film: gpu.storage("film", bytes * 32),
+                radiance: gpu.storage("radiance", pixels * 16),
+                film: gpu.storage("film", pixels * 32),
                 log: gpu.storage("log", 16),
-                light: both_sides.then(|| {
-                    let vertices = gpu.storage("path_vertices", u64::from(group) * per_pixel);
-                    (vertices, gpu.storage("splats", bytes * 24))
-                }),
+                light: both_sides
+                    .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
             },
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
@@ -143,16 +130,28 @@ impl<'gpu> PathRenderer<'gpu> {
             acceleration,
             settings: settings.clone(),
             constants,
-            group,
+            plan,
             samples: 0,
         };
+        this.count_only(settings.only);
         gpu.check()?;
         Ok(this)
     }
 
-    /// One sample of every pixel.
-    fn sample(&self, number: u64) {
-        let pixels = self.settings.width * self.settings.height;
+    /// Begins anew, with one strategy that counts or with all.
+    pub fn count_only(&mut self, only: Option<OnlyStrategy>) {
+        self.constants.only_s = only.map_or(ANY, |o| o.s);
+        self.constants.only_t = only.map_or(ANY, |o| o.t);
+        self.constants.unweighted = u32::from(only.is_some_and(|o| !o.weighted));
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        encoder.clear_buffer(&self.pixels.film, 0, None);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.samples = 0;
+    }
+
+    /// Everything that passes over paths read and write; names that a shader does not use are ignored.
+    #[must_use]
+    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
         let mut bindings = self.scene.with(&self.acceleration.bindings());
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
@@ -168,10 +167,28 @@ impl<'gpu> PathRenderer<'gpu> {
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
         }
-        for first in (0..pixels).step_by(self.group as usize) {
-            let count = self.group.min(pixels - first);
-            let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
-            self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+        bindings
+    }
+
+    /// What each sample does.
+    #[must_use]
+    pub fn plan(&self) -> &PathPlan {
+        &self.plan
+    }
+
+    /// Writes what a dispatch over some pixels of a sample reads.
+    pub fn describe(&self, number: u64, first: u32, count: u32) {
+        let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
+        self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+    }
+
+    /// One sample of every pixel.
+    fn sample(&self, number: u64) {
+        let pixels = self.settings.width * self.settings.height;
+        let bindings = self.bindings();
+        for first in (0..pixels).step_by(self.plan.group as usize) {
+            let count = self.plan.group.min(pixels - first);
+            self.describe(number, first, count);
             let mut encoder =
                 self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
             if let Some(light_paths) = &self.light_paths {
@@ -210,34 +227,13 @@ impl Progressive for PathRenderer<'_> {
     }
 
     fn stats(&self) -> RenderStats {
-        let Pixels { radiance, film, light, .. } = &self.pixels;
-        let of_light = light.as_ref().map_or(0, |(vertices, splats)| vertices.size() + splats.size());
         RenderStats {
             samples: self.samples,
-            bytes: radiance.size() + film.size() + of_light,
+            bytes: self.plan.bytes,
             passes: self.gpu.timings.totals(),
             ..self.stats.clone()
         }
     }
-}
-
-/// Flags of the shaders that a scene needs.
-#[must_use]
-pub fn flags(scene: &Scene, stats: &SceneStats, both_sides: bool) -> Vec<&'static str> {
-    let glossy = stats.glossy_triangles > 0;
-    let on = [
-        ("TEXTURES", stats.texels > 0),
-        ("VERTEX_COLORS", stats.vertex_colors),
-        ("GLOSSY", glossy),
-        ("SPECULAR", glossy),
-        ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
-        ("MASKS", stats.masked_triangles > 0),
-        ("EMISSION", stats.emissive_triangles > 0),
-        ("ENVIRONMENT", stats.environment),
-        ("ENVIRONMENT_MAP", stats.environment_map),
-        ("LIGHT_PATHS", both_sides),
-    ];
-    on.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
 }
 
 /// Units of the splats per unit of radiance: a power of two that gives the scene's mean radiance 32 bits below the point and

@@ -56,6 +56,18 @@ impl Method {
         matches!(self, Self::Twin | Self::RayQuery | Self::Path)
     }
 
+    /// Whether it can make paths of s light vertices and t eye vertices: `path` joins lights alone, `raster` and `twin` up to the
+    /// second VPL and nothing to the camera, the reference does not tell.
+    #[must_use]
+    pub fn has_strategy(self, s: u32, t: u32) -> bool {
+        match self {
+            Self::Raster | Self::Twin => s <= 3 && t > 1,
+            Self::RayQuery => t > 0,
+            Self::Path => s <= 1 && t > 1,
+            Self::Reference => false,
+        }
+    }
+
     /// Whether it is the raster estimator: light and directions that all pixels share, and surfaces that can be joined.
     #[must_use]
     pub fn shares_subpaths(self) -> bool {
@@ -72,6 +84,19 @@ pub struct OnlyStrategy {
     pub t: u32,
     /// Whether its share by MIS counts, or all of it.
     pub weighted: bool,
+}
+
+impl OnlyStrategy {
+    /// Every strategy (s, t) of paths up to a number of bounces, shortest paths first: s + t - 1 edges each.
+    pub fn all(bounces: u32, weighted: bool) -> impl Iterator<Item = Self> {
+        (1..=bounces + 2).flat_map(move |edges| (0..=edges).map(move |s| Self { s, t: edges + 1 - s, weighted }))
+    }
+
+    /// The name of its image: `s2_t3` or `s2_t3_unweighted`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("s{}_t{}{}", self.s, self.t, if self.weighted { "" } else { "_unweighted" })
+    }
 }
 
 /// How `raster` tests visibility.

@@ -190,6 +190,11 @@ fn bad_values_are_named() {
     bad(&["--focus", "2"], "--focus: the camera is a pinhole");
     bad(&["--aperture", "0.1"], "--aperture: the camera is a pinhole");
     bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
+    bad(&["--method", "ray-query", "--vpl-resolution", "64"], "is an option of raster, not of ray-query");
+    bad(&["--method", "reference", "--beta", "2"], "is an option of raster, ray-query and path");
+    bad(&["--method", "ray-query", "--bounces", "unlimited"], "ray-query needs a number");
+    bad(&["--strategy-images", "strategies"], "--method raster has none");
+    bad(&["--method", "path", "--bounces", "unlimited", "--strategy-images", "strategies"], "give --bounces a number");
     assert!(folder.files().is_empty());
 }
 
@@ -241,6 +246,39 @@ fn raster_renders_exr_png_and_stats() {
             let name = pass["name"].as_str().unwrap();
             assert!(passes.keys().any(|timed| timed.starts_with(name)), "{name} is not among {passes:?}");
         }
+    }
+}
+
+#[test]
+fn ray_query_methods_render_stats_strategy_images_and_plans() {
+    if common::gpu_with_ray_queries().is_none() {
+        let output = run(&["render", "builtin:cornell_point", "-o", "out.exr", "--method", "path"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(stderr(&output).contains("--method raster"), "{}", stderr(&output));
+        return;
+    }
+    for (method, count) in [("path", 3 + 2), ("ray-query", 2 + 3 + 4)] {
+        let folder = Folder::new(method);
+        let [exr, json, images] = ["out.exr", "out.json", "strategies"].map(|name| folder.path(name));
+        let more = ["--method", method, "--bounces", "1", "--quiet"];
+        rendered(&exr, &[&more[..], &["--stats", &json, "--strategy-images", &images]].concat());
+        let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        assert_eq!((&stats["method"], &stats["samples"], &stats["non_finite"]), (&method.into(), &4.into(), &0.into()));
+        for pass in stats["plan"]["passes"].as_array().unwrap() {
+            let name = pass["name"].as_str().unwrap();
+            assert_eq!(pass["runs"].as_u64() > Some(0), stats["passes"][name]["runs"].as_u64() > Some(0), "{name}");
+        }
+        // Each strategy with and without its weight; those with it add up to the picture.
+        let files: Vec<_> = std::fs::read_dir(&images).unwrap().map(|f| f.unwrap().path()).collect();
+        assert_eq!(files.len(), 2 * count, "{files:?}");
+        let sum = |film: &Film| film.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
+        let weighted = files.iter().filter(|f| !f.to_string_lossy().contains("unweighted"));
+        let total: f64 = weighted.map(|f| sum(&Film::load(f).unwrap())).sum();
+        let whole = sum(&Film::load(&exr).unwrap());
+        assert!((total / whole - 1.0).abs() < 1e-5, "{method}: {total} is not {whole}");
+
+        let plan = succeed(&["plan", "builtin:cornell_point", "--method", method]);
+        assert!(plan.contains("eye_paths") && plan.contains("memory"), "{plan}");
     }
 }
 
@@ -380,5 +418,5 @@ fn plan_gives_a_reason_for_every_pass() {
     assert!(passes.iter().all(|p| p["reason"].as_str().is_some_and(|r| !r.is_empty())), "{passes:?}");
     let direct = succeed(&["plan", "builtin:cornell_point", "--bounces", "0", "--bundle-resolution", "64"]);
     assert!(direct.contains("skip") && direct.contains("bundles 64^2"), "{direct}");
-    fail(&["plan", "builtin:cornell_point", "--method", "reference"], "only raster");
+    fail(&["plan", "builtin:cornell_point", "--method", "reference"], "has no plan");
 }

@@ -53,7 +53,7 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
     (!has("ENVIRONMENT_MAP") || has("ENVIRONMENT"))
         && !(has("CLAMPED") && has("LIGHT"))
         // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
-        && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths"))
+        && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
 }
@@ -82,7 +82,7 @@ fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<
 
 /// Whether a pass asks ray queries.
 fn traces_rays(pass: &str, set: &[&str]) -> bool {
-    matches!(pass, "ray_queries" | "eye_paths" | "light_paths") || set.contains(&"RAY_QUERY")
+    matches!(pass, "ray_queries" | "eye_paths" | "light_paths" | "mis_sums") || set.contains(&"RAY_QUERY")
 }
 
 /// Modules with an entry point.

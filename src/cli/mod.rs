@@ -8,14 +8,18 @@ mod output;
 mod render;
 mod view;
 
+use std::fmt::Display;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::{Parser, Subcommand};
+use serde::Serialize;
 
 use lightsheaf::gpu::Gpu;
+use lightsheaf::path_plan::PathPlan;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::scene::{self, Geometry, SceneStats};
+use lightsheaf::settings::Method;
 
 use view::ViewArgs;
 
@@ -78,14 +82,22 @@ pub fn run() -> ExitCode {
 
 fn plan(args: &PlanArgs) -> Result<()> {
     let method = args.view.settings.method;
-    if !method.shares_subpaths() {
-        bail!("--method {method}: only raster and twin have a plan");
+    if method == Method::Reference {
+        bail!("--method {method}: it does the same for every scene, and has no plan");
     }
     let (scene, settings) = args.view.load()?;
-    let gpu = Gpu::new()?;
+    let gpu = if method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
     let stats = SceneStats::new(&scene, &Geometry::new(&scene));
-    let plan = FramePlan::new(&stats, &settings, &gpu.capabilities);
-    output::print(&if args.json { serde_json::to_string_pretty(&plan)? } else { plan.to_string() })
+    if !method.shares_subpaths() {
+        return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities));
+    }
+    args.print(&FramePlan::new(&stats, &settings, &gpu.capabilities))
+}
+
+impl PlanArgs {
+    fn print(&self, plan: &(impl Display + Serialize)) -> Result<()> {
+        output::print(&if self.json { serde_json::to_string_pretty(plan)? } else { plan.to_string() })
+    }
 }
 
 fn scenes() -> Result<()> {

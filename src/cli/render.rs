@@ -4,17 +4,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
-use lightsheaf::settings::{Method, SAMPLES, Settings, UNLIMITED};
+use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 
 use super::output;
 use super::view::ViewArgs;
@@ -32,6 +31,10 @@ pub struct RenderArgs {
     /// Brighten a .png by this many stops: values are multiplied by 2^STOPS
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     exposure: Option<f32>,
+    /// Write what each strategy (s, t) gives, with its weight by MIS (sS_tT.exr; their sum is the image) and without
+    /// (sS_tT_unweighted.exr), into this folder; needs a number of bounces; the reference has none
+    #[arg(long, value_name = "DIR")]
+    strategy_images: Option<PathBuf>,
     /// Write counts, times, settings and the plan as JSON
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
@@ -62,7 +65,7 @@ struct Stats<'a> {
     demands: Vec<Demand>,
     /// Rays that the reference traced.
     rays: u64,
-    plan: Option<&'a FramePlan>,
+    plan: Option<serde_json::Value>,
     warnings: &'a [String],
     settings: &'a Settings,
 }
@@ -90,6 +93,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let began = Instant::now();
     let (scene, settings) = args.view.load()?;
     let load = began.elapsed().as_secs_f64();
+    if let Some(folder) = &args.strategy_images {
+        check_strategy_images(folder, &settings)?;
+    }
     let job = Job { args, exposure, load, scene: &scene, settings: &settings };
     match settings.method {
         Method::Raster | Method::Twin => job.raster(),
@@ -112,6 +118,19 @@ fn check_outputs(args: &RenderArgs) -> Result<f32> {
         }
         Some(stops) => Ok(stops.exp2()),
     }
+}
+
+/// Makes the folder where there is none.
+fn check_strategy_images(folder: &Path, settings: &Settings) -> Result<()> {
+    if settings.method == Method::Reference {
+        bail!("--strategy-images: the reference has none; use any other method");
+    }
+    if settings.bounces == UNLIMITED {
+        bail!(
+            "--strategy-images: as many strategies as unlimited bounces have cannot be written; give --bounces a number"
+        );
+    }
+    std::fs::create_dir_all(folder).with_context(|| format!("--strategy-images {}", folder.display()))
 }
 
 struct Job<'a> {
@@ -140,10 +159,16 @@ impl Job<'_> {
                     nodes,
                 })
                 .collect(),
-            plan: Some(plan),
+            plan: Some(serde_json::to_value(plan)?),
             ..stats
         };
-        self.finish(&film, &stats)
+        self.finish(&film, &stats)?;
+        self.strategy_images(&mut |only| {
+            let settings = Settings { only: Some(only), ..self.settings.clone() };
+            let mut renderer = Renderer::new(&gpu, self.scene, &settings)?;
+            renderer.render(stats.samples, &mut |_| true)?;
+            renderer.film()
+        })
     }
 
     fn paths(&self) -> Result<()> {
@@ -151,7 +176,28 @@ impl Job<'_> {
         let gpu = Gpu::with_ray_queries()?;
         let mut renderer = PathRenderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
-        self.finish(&film, &stats)
+        let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
+        self.finish(&film, &stats)?;
+        self.strategy_images(&mut |only| {
+            renderer.count_only(Some(only));
+            renderer.render(stats.samples, &mut |_| true)?;
+            renderer.film()
+        })
+    }
+
+    /// Writes the image of each strategy that the method has.
+    fn strategy_images(&self, render: &mut dyn FnMut(OnlyStrategy) -> Result<Film, RenderError>) -> Result<()> {
+        let Some(folder) = &self.args.strategy_images else { return Ok(()) };
+        let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
+        let all: Vec<_> = all.filter(|only| self.settings.method.has_strategy(only.s, only.t)).collect();
+        let bar = self.bar(all.len() as u64);
+        for only in all {
+            bar.set_message(only.name());
+            render(only)?.save(folder.join(only.name()).with_extension("exr"))?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
     }
 
     /// Renders as many samples as asked for, or as the budget allows. `began`: when the setup did.

@@ -124,3 +124,50 @@ pub fn check_distribution() {
         assert!((actual / p - 1.0).abs() < 0.02, "{t} at {dof}: {actual} is not {p}");
     }
 }
+
+/// How pixels of two sets of pictures agree.
+#[derive(Clone, Debug)]
+pub struct PixelVerdict {
+    /// Share of pixels that may have the same mean at 0.01, Sidak-corrected for their number.
+    pub share: f64,
+    /// The most conspicuous pixel, with its relative difference and standard error.
+    pub worst: (usize, f64, f64),
+}
+
+impl PixelVerdict {
+    /// What two equal methods may be asked for.
+    pub fn agrees(&self) -> bool {
+        self.share >= 0.9975
+    }
+}
+
+/// Welch's t-test of the sum of channels of every pixel, each picture being one observation.
+pub fn compare_pixels(a: &[Film], b: &[Film]) -> PixelVerdict {
+    assert!(a.len() >= 8 && b.len() >= 8, "a spread needs 8 pictures at least");
+    let sides = [a, b].map(|films| {
+        films
+            .iter()
+            .map(|f| {
+                assert_eq!(f.non_finite(), 0);
+                f.pixels.iter().map(|p| p.iter().map(|&v| f64::from(v)).sum()).collect::<Vec<f64>>()
+            })
+            .collect::<Vec<_>>()
+    });
+    let count = a[0].pixels.len();
+    let significance = -((-0.01_f64).ln_1p() / count as f64).exp_m1();
+    let (mut passed, mut worst) = (0, (2.0, (0, 0.0, 0.0)));
+    for pixel in 0..count {
+        let [(mean_a, variance_a), (mean_b, variance_b)] = [0, 1].map(|side| moments(&sides[side], pixel));
+        let error = (variance_a + variance_b + (ROUNDING * mean_b).powi(2)).sqrt();
+        let dof = (variance_a + variance_b).powi(2)
+            / (variance_a.powi(2) / (a.len() - 1) as f64 + variance_b.powi(2) / (b.len() - 1) as f64);
+        let difference = mean_a - mean_b;
+        let p = if difference == 0.0 { 1.0 } else { two_sided(difference / error, dof.max(1.0) as u32) };
+        passed += usize::from(p >= significance);
+        if p < worst.0 {
+            let scale = mean_b.abs().max(1e-30);
+            worst = (p, (pixel, difference / scale, error / scale));
+        }
+    }
+    PixelVerdict { share: passed as f64 / count as f64, worst: worst.1 }
+}

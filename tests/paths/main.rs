@@ -1,0 +1,328 @@
+//! `path` and `ray-query` against the reference, in the mean and pixel by pixel; and against themselves.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod samplers;
+mod scenes;
+mod weights;
+
+use common::gpu_with_ray_queries;
+use common::statistics::{Look, compare, compare_pixels};
+use glam::{Vec2, Vec3};
+use lightsheaf::film::Film;
+use lightsheaf::gpu::Gpu;
+use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::renderer::{Progressive as _, RenderStats};
+use lightsheaf::scene::{Boundary, Light, Scene, builtin};
+use lightsheaf::settings::{Method, OnlyStrategy, Settings};
+
+const METHODS: [Method; 2] = [Method::Path, Method::RayQuery];
+
+/// Pictures of a method in a comparison, each with a seed of its own.
+const PICTURES: u32 = 10;
+
+fn settings(method: Method, side: u32, samples: u32, bounces: u32) -> Settings {
+    Settings { method, width: side, height: side, samples, bounces, ..Settings::default() }
+}
+
+fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats) {
+    let mut renderer = PathRenderer::new(gpu, scene, settings).unwrap();
+    renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+    gpu.check().unwrap();
+    let (film, stats) = (renderer.film().unwrap(), renderer.stats());
+    assert_eq!((stats.samples, stats.non_finite), (u64::from(settings.samples), 0));
+    (film, stats)
+}
+
+fn pictures(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
+    (1..=PICTURES).map(|seed| picture(gpu, scene, &Settings { seed, ..settings.clone() }).0).collect()
+}
+
+fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
+    let reference = Reference::new(scene);
+    let Settings { width, height, bounces, camera, .. } = *settings;
+    (1..=PICTURES)
+        .map(|seed| {
+            let settings =
+                ReferenceSettings { width, height, samples, bounces: Some(bounces), seed: 1000 + seed, camera };
+            reference.render(&settings, &|_, _| ()).film
+        })
+        .collect()
+}
+
+/// Every light, material and camera, each pixel and each block against the reference.
+fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let expected = references(scene, &settings(Method::Path, side, 1, bounces), 64);
+    for method in METHODS {
+        let films = pictures(gpu, scene, &settings(method, side, 32, bounces));
+        let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
+        println!("{name}, {method}: {pixels:?} {blocks:?}");
+        assert!(pixels.agrees(), "{name}, {method}: {pixels:?}");
+        assert!(blocks.agrees(), "{name}, {method}: {blocks:?}");
+    }
+}
+
+#[test]
+fn cornell_boxes_agree_with_the_reference() {
+    for name in ["point", "area", "env"] {
+        agrees(name, &scenes::cornell(name), 32, 3);
+    }
+}
+
+#[test]
+fn reflection_agrees_with_the_reference() {
+    agrees("reflecting", &scenes::reflecting(), 32, 3);
+    agrees("mirrors", &scenes::mirrors(), 32, 3);
+}
+
+#[test]
+fn transmission_agrees_with_the_reference() {
+    agrees("transmitting", &scenes::transmitting(), 32, 5);
+}
+
+#[test]
+fn textures_masks_and_parallel_rays_agree_with_the_reference() {
+    agrees("textured", &scenes::textured(), 32, 2);
+}
+
+#[test]
+fn a_lens_agrees_with_the_reference() {
+    agrees("lens", &scenes::lens(), 32, 2);
+}
+
+/// A light that is 0.75 % too bright is found in the mean; one that is missing in the pixels.
+#[test]
+fn planted_errors_are_caught() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = builtin::load("integrating_sphere").unwrap();
+    let mut brighter = scene.clone();
+    for light in &mut brighter.lights {
+        let Light::Point { intensity, .. } = light else { unreachable!() };
+        *intensity *= 1.0075;
+    }
+    for method in METHODS {
+        let settings = settings(method, 16, 64, 2);
+        let expected = references(&scene, &settings, 256);
+        let verdict = |scene: &Scene| compare(&pictures(gpu, scene, &settings), &expected, Look::Blocks);
+        assert!(verdict(&scene).agrees(), "{method}: {:?}", verdict(&scene));
+        assert!(!verdict(&brighter).agrees(), "{method}: {:?}", verdict(&brighter));
+    }
+    let settings = settings(Method::RayQuery, 32, 32, 2);
+    let reflecting = scenes::reflecting();
+    let mut dark = reflecting.clone();
+    dark.lights.pop();
+    let verdict = compare_pixels(&pictures(gpu, &dark, &settings), &references(&reflecting, &settings, 64));
+    assert!(!verdict.agrees(), "{verdict:?}");
+}
+
+/// Scenes whose answer is known, within half a percent in the mean.
+#[test]
+fn analytic_scenes() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut checked = 0;
+    for (name, bounces) in [
+        ("furnace", 0),
+        ("furnace", 3),
+        ("furnace_sphere", 2),
+        ("integrating_sphere", 0),
+        ("integrating_sphere", 2),
+        ("white_furnace", 1),
+        ("glossy_furnace", 1),
+        ("occluder", 0),
+        ("shading_normals", 0),
+        ("single_triangle", 0),
+    ] {
+        let scene = builtin::load(name).unwrap();
+        for method in METHODS {
+            let (film, _) = picture(gpu, &scene, &settings(method, 32, 128, bounces));
+            let at = |i: usize| (Vec2::new((i % 32) as f32, (i / 32) as f32) + 0.5) / 32.0;
+            let expected: f64 =
+                (0..film.pixels.len()).filter_map(|i| builtin::answer(name, Some(bounces), at(i))).sum();
+            let actual: f64 = film.pixels.iter().map(|p| f64::from(p[0])).sum();
+            println!("{name}, {bounces} bounces, {method}: {actual} {expected}");
+            assert!((actual / expected - 1.0).abs() < 0.005, "{name}, {bounces}, {method}: {actual} is not {expected}");
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 20);
+}
+
+/// The sum of the weighted images of all strategies is the picture, and each strategy has its share; a strategy that is alone has
+/// the picture's mean without its weight.
+#[test]
+fn strategy_images_add_up_to_the_picture() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    for (name, scene) in [("reflecting", scenes::reflecting()), ("transmitting", scenes::transmitting())] {
+        let bounces = 2;
+        let full = settings(Method::RayQuery, 24, 16, bounces);
+        let (whole, _) = picture(gpu, &scene, &full);
+        let mut renderer = PathRenderer::new(gpu, &scene, &full).unwrap();
+        let mut sum = vec![[0.0_f64; 3]; whole.pixels.len()];
+        let all: Vec<_> = OnlyStrategy::all(bounces, true).collect();
+        assert_eq!(all.len(), 2 + 3 + 4 + 5);
+        for only in all {
+            renderer.count_only(Some(only));
+            renderer.render(16, &mut |_| true).unwrap();
+            let film = renderer.film().unwrap();
+            let total: f64 = film.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
+            println!("{name}: {} {total}", only.name());
+            assert!(total > 0.0 || only.s + only.t == 2, "{name}: {} is black", only.name());
+            for (sum, pixel) in sum.iter_mut().zip(&film.pixels) {
+                (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
+            }
+        }
+        renderer.count_only(None);
+        renderer.render(16, &mut |_| true).unwrap();
+        assert!(renderer.film().unwrap() == whole, "{name}: beginning anew changes the picture");
+        for (sum, pixel) in sum.iter().zip(&whole.pixels) {
+            for c in 0..3 {
+                let expected = f64::from(pixel[c]);
+                assert!((sum[c] - expected).abs() <= 1e-5 * expected.max(0.01), "{name}: {sum:?} is not {pixel:?}");
+            }
+        }
+    }
+}
+
+/// Strategies without their weight agree with each other in the mean, where all of them find all light.
+#[test]
+fn unweighted_strategies_have_the_same_mean() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::cornell("area");
+    let only = |s, t| Some(OnlyStrategy { s, t, weighted: false });
+    let films = |s, t, samples| {
+        let settings = Settings { only: only(s, t), ..settings(Method::RayQuery, 16, samples, 1) };
+        pictures(gpu, &scene, &settings)
+    };
+    // One bounce: next-event estimation is the calmest.
+    let expected = films(1, 3, 64);
+    for (s, t, samples) in [(0, 4, 512), (2, 2, 256), (3, 1, 256)] {
+        let verdict = compare(&films(s, t, samples), &expected, Look::Image);
+        println!("({s}, {t}): {verdict:?}");
+        assert!(verdict.agrees(), "({s}, {t}): {verdict:?}");
+    }
+}
+
+/// Light that comes through glass to a floor: found from the camera alone, and by light subpaths alone, whose throughput is the
+/// adjoint's.
+#[test]
+fn light_through_glass_is_the_same_from_both_ends() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let clear = Boundary::Volume { absorption: Vec3::ZERO };
+    for (name, material) in [
+        ("smooth", scenes::glass(0.0, 1.5, Boundary::Volume { absorption: Vec3::splat(0.5) })),
+        ("rough", scenes::glass(0.3, 1.3, clear)),
+        ("glTF", scenes::gltf(0.4, 0.0, 0.8, clear)),
+    ] {
+        let scene = scenes::behind_glass(material);
+        let films = |s, t, samples| {
+            let only = Some(OnlyStrategy { s, t, weighted: false });
+            pictures(gpu, &scene, &Settings { only, ..settings(Method::RayQuery, 16, samples, 2) })
+        };
+        let verdict = compare(&films(0, 5, 512), &films(4, 1, 256), Look::Image);
+        println!("{name}: {verdict:?}");
+        assert!(verdict.agrees() && verdict.error < 0.02, "{name}: {verdict:?}");
+    }
+}
+
+/// A point light's image in a mirror lights a wall: albedo / pi I cos / d^2 with d the way by the mirror, which no path from the
+/// camera finds.
+#[test]
+fn a_mirror_throws_the_light_of_a_point() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::mirrored_light();
+    let only = |s, t| Some(OnlyStrategy { s, t, weighted: true });
+    let mean = |only, method| {
+        let (film, _) = picture(gpu, &scene, &Settings { only, ..settings(method, 64, 256, 1) });
+        film.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / film.pixels.len() as f64
+    };
+    let n = 64;
+    let expected = (0..n * n).map(|i| {
+        let at = |i: i32| 0.4 * ((f64::from(i) + 0.5) / f64::from(n) - 0.5);
+        let d = glam::DVec3::new(at(i % n) - 0.3, 0.6 + at(i / n) + 1.0, -1.0);
+        0.9 * 0.5 / std::f64::consts::PI * 2.0 / d.length_squared() / d.length()
+    });
+    let expected = expected.sum::<f64>() / f64::from(n * n);
+    let (thrown, without) = (mean(only(3, 1), Method::RayQuery), mean(only(2, 2), Method::RayQuery));
+    println!("{thrown} {expected} {without}");
+    assert!((thrown / expected - 1.0).abs() < 0.005, "{thrown} is not {expected}");
+    assert_eq!(without, 0.0);
+    let whole = mean(None, Method::RayQuery) - mean(None, Method::Path);
+    assert!((whole / expected - 1.0).abs() < 0.005, "{whole} is not {expected}");
+}
+
+/// The same seed gives the same bytes, splats included, however pixels are grouped; another seed does not.
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    for method in METHODS {
+        let settings = settings(method, 40, 4, 3);
+        let film = |seed| picture(gpu, &scenes::transmitting(), &Settings { seed, ..settings.clone() }).0;
+        let first = film(1);
+        for _ in 0..3 {
+            assert!(first == film(1), "{method}");
+        }
+        assert!(first != film(2), "{method}");
+    }
+}
+
+/// Values that are not finite show, and are counted.
+#[test]
+fn a_planted_nan_is_counted() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = scenes::cornell("point");
+    for light in &mut scene.lights {
+        let Light::Point { intensity, .. } = light else { unreachable!() };
+        intensity.x = f32::NAN;
+    }
+    for method in METHODS {
+        let mut renderer = PathRenderer::new(gpu, &scene, &settings(method, 16, 2, 1)).unwrap();
+        renderer.render(2, &mut |_| true).unwrap();
+        assert!(renderer.stats().non_finite > 100, "{method}: {}", renderer.stats().non_finite);
+        assert!(renderer.film().unwrap().non_finite() > 50, "{method}");
+    }
+}
+
+/// Every reference scene and Sun's three at 128 x 128, pixel by pixel:
+///
+///     cargo test --test paths -- --ignored --nocapture matrix
+#[test]
+#[ignore = "an hour: the long table"]
+fn matrix() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    println!(
+        "| scene | method | pixels that pass | worst pixel: difference, standard error | mean |\n|---|---|---|---|---|"
+    );
+    let mut failed = Vec::new();
+    let sun = ["spheres", "mirrors", "water"].map(|n| (n.to_owned(), scenes::cornell(n), 6));
+    let shared = common::shared().map_or(Vec::new(), |shared| {
+        ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"]
+            .map(|n| {
+                let path = shared.join("references").join(n).with_extension("xml");
+                (n.to_owned(), lightsheaf::scene::load(&path.display().to_string()).unwrap(), 2)
+            })
+            .to_vec()
+    });
+    for (name, scene, bounces) in shared.into_iter().chain(sun) {
+        let samples = std::env::var("SAMPLES").ok().and_then(|s| s.parse().ok()).unwrap_or(32);
+        let expected = references(&scene, &settings(Method::Path, 128, 1, bounces), 4 * samples);
+        for method in METHODS {
+            let films = pictures(gpu, &scene, &settings(method, 128, samples, bounces));
+            let (pixels, image) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Image));
+            let (_, difference, error) = pixels.worst;
+            println!(
+                "| {name} | {method} | {:.3} % | {:+.1} %, {:.1} % | {:+.3} % +- {:.3} % |",
+                100.0 * pixels.share,
+                100.0 * difference,
+                100.0 * error,
+                100.0 * image.image[0],
+                100.0 * image.image[1],
+            );
+            if !pixels.agrees() {
+                failed.push(format!("{name}, {method}"));
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{failed:?}");
+}

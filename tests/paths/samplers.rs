@@ -1,0 +1,342 @@
+//! Every sampler draws what its density says: chi-square tests over a million draws each.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{DVec3, Vec3};
+use lightsheaf::gpu::{Compute, Gpu, read_back};
+use lightsheaf::layouts::{DrawAnswer, DrawQuestion};
+use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::scene::{Boundary, Environment, Fresnel, Light, Material, Rows, Scene};
+use lightsheaf::settings::Method;
+
+use crate::common::gpu_with_ray_queries;
+use crate::common::scenes::{add, floor, pinhole};
+use crate::{scenes, settings};
+
+/// Draws of a test.
+const DRAWS: u32 = 1 << 20;
+/// Significance of a test; Sidak-corrected for their number where it is used.
+const SIGNIFICANCE: f64 = 0.01;
+/// Bins in the cosine and the azimuth.
+const BINS: [usize; 2] = [32, 16];
+/// Points along a side of a bin at which the density is taken.
+const POINTS: usize = 32;
+
+const DRAW_SCATTER: u32 = 0;
+const PDF_SCATTER: u32 = 1;
+const DRAW_SKY: u32 = 2;
+const PDF_SKY: u32 = 3;
+const DRAW_LIGHT: u32 = 4;
+
+/// Asks the samplers of a scene.
+struct Oracle<'a> {
+    gpu: &'a Gpu,
+    renderer: PathRenderer<'a>,
+    pass: Compute,
+}
+
+impl<'a> Oracle<'a> {
+    fn new(gpu: &'a Gpu, scene: &Scene) -> Self {
+        let renderer = PathRenderer::new(gpu, scene, &settings(Method::RayQuery, 4, 1, 1)).unwrap();
+        let pass = Compute::new(gpu, "draws", "draws", &renderer.plan().flags);
+        Self { gpu, renderer, pass }
+    }
+
+    fn ask(&self, questions: &[DrawQuestion]) -> Vec<DrawAnswer> {
+        self.renderer.describe(0, 0, 1);
+        let asked = self.gpu.upload("questions", questions);
+        let answers = self.gpu.storage("answers", size_of_val(questions) as u64);
+        let mut bindings = self.renderer.bindings();
+        bindings.extend([("draw_questions", asked.as_entire_binding()), ("draw_answers", answers.as_entire_binding())]);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let rows = (questions.len() as u32).div_ceil(65_536);
+        self.pass.record(self.gpu, &mut encoder, [65_536, rows], &bindings);
+        self.gpu.queue.submit([encoder.finish()]);
+        read_back(self.gpu, &answers, questions.len()).unwrap()
+    }
+}
+
+/// Probability that chi-square with `dof` degrees of freedom is at least x (Numerical Recipes, 6.2).
+fn chi_square_tail(x: f64, dof: f64) -> f64 {
+    let (a, x) = (0.5 * dof, 0.5 * x);
+    let log_gamma = |z: f64| {
+        // Stirling's series, after shifting.
+        let shift: f64 = (0..8).map(|i| (z + f64::from(i)).ln()).sum();
+        let z = z + 8.0;
+        (z - 0.5) * z.ln() - z + 0.5 * TAU.ln() + 1.0 / (12.0 * z) - 1.0 / (360.0 * z.powi(3)) - shift
+    };
+    let front = (a * x.ln() - x - log_gamma(a)).exp();
+    if x < a + 1.0 {
+        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
+        while term > sum * 1e-15 {
+            n += 1.0;
+            term *= x / n;
+            sum += term;
+        }
+        return 1.0 - sum * front;
+    }
+    let (mut b, mut c, mut d) = (x + 1.0 - a, 1e300, 1.0 / (x + 1.0 - a));
+    let mut h = d;
+    for i in 1..10_000 {
+        let an = -f64::from(i) * (f64::from(i) - a);
+        b += 2.0;
+        d = 1.0 / (an * d + b);
+        c = b + an / c;
+        h *= d * c;
+        if (d * c - 1.0).abs() < 1e-14 {
+            break;
+        }
+    }
+    front * h
+}
+
+/// Pearson's test of counts against expected counts; bins that expect fewer than 5 are pooled.
+fn p_value(counts: &[u64], expected: &[f64]) -> f64 {
+    let (mut statistic, mut dof, mut pool) = (0.0, -1.0, (0.0, 0.0));
+    let mut add = |count: f64, expected: f64| {
+        statistic += (count - expected).powi(2) / expected;
+        dof += 1.0;
+    };
+    for (&count, &expected) in counts.iter().zip(expected) {
+        if expected < 5.0 {
+            pool = (pool.0 + count as f64, pool.1 + expected);
+        } else {
+            add(count as f64, expected);
+        }
+    }
+    if pool.1 >= 5.0 {
+        add(pool.0, pool.1);
+    } else if pool.0 > 5.0 + 10.0 * pool.1 {
+        return 0.0;
+    }
+    chi_square_tail(statistic, dof)
+}
+
+fn direction(z: f64, phi: f64) -> Vec3 {
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    // Around +Y, the floor's normal.
+    Vec3::new((r * phi.cos()) as f32, z as f32, (r * phi.sin()) as f32)
+}
+
+fn bin_of(w: Vec3) -> usize {
+    let row = ((f64::from(w.y) * 0.5 + 0.5) * BINS[0] as f64) as usize;
+    let turn = f64::from(w.z).atan2(f64::from(w.x)).rem_euclid(TAU) / TAU;
+    row.min(BINS[0] - 1) * BINS[1] + ((turn * BINS[1] as f64) as usize).min(BINS[1] - 1)
+}
+
+/// p-value of draws of directions against a density over the sphere; what drew nothing is a bin of its own.
+fn test_directions(oracle: &Oracle, draw: DrawQuestion, pdf: DrawQuestion) -> f64 {
+    let drawn = oracle.ask(&vec![draw; DRAWS as usize]);
+    let bins = BINS[0] * BINS[1];
+    let mut counts = vec![0_u64; bins + 1];
+    for answer in &drawn {
+        let w = Vec3::from(answer.w);
+        counts[if w == Vec3::ZERO { bins } else { bin_of(w) }] += 1;
+    }
+    let per_bin = POINTS * POINTS;
+    let questions: Vec<_> = (0..bins * per_bin)
+        .map(|i| {
+            let (bin, point) = (i / per_bin, i % per_bin);
+            let at = |index: usize, sub: usize, bins: usize| {
+                (index as f64 + (sub as f64 + 0.5) / POINTS as f64) / bins as f64
+            };
+            let z = at(bin / BINS[1], point / POINTS, BINS[0]) * 2.0 - 1.0;
+            let phi = at(bin % BINS[1], point % POINTS, BINS[1]) * TAU;
+            DrawQuestion { w: direction(z, phi).to_array(), ..pdf }
+        })
+        .collect();
+    let densities = oracle.ask(&questions);
+    let solid_angle = 2.0 * TAU / (bins * per_bin) as f64;
+    let mut expected: Vec<f64> = densities
+        .chunks_exact(per_bin)
+        .map(|bin| bin.iter().map(|a| f64::from(a.pdf_w)).sum::<f64>() * solid_angle * f64::from(DRAWS))
+        .collect();
+    let mass: f64 = expected.iter().sum();
+    expected.push((f64::from(DRAWS) - mass).max(0.0));
+    assert!(mass <= 1.001 * f64::from(DRAWS), "the density integrates to {}", mass / f64::from(DRAWS));
+    p_value(&counts, &expected)
+}
+
+fn plate(material: Material) -> Scene {
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::Y, Vec3::NEG_Y, 1.0)], ..Scene::default() };
+    add(&mut scene, floor(1.0, 0.0), material);
+    scene
+}
+
+/// A million draws; `given` is where one comes from, also from behind where light passes.
+#[test]
+fn bsdfs_are_drawn_as_their_density_says() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let clear = Boundary::Volume { absorption: Vec3::ZERO };
+    let [above, grazing] = [Vec3::new(0.3, 0.9, 0.2), Vec3::new(0.9, 0.3, -0.2)].map(Vec3::normalize);
+    let materials = [
+        ("diffuse", Material::diffuse("", Vec3::splat(0.7))),
+        ("metal", scenes::conductor(0.4, Fresnel::None)),
+        ("plastic", scenes::plastic(0.3)),
+        ("glTF", scenes::gltf(0.6, 0.3, 0.0, Boundary::Sheet)),
+        ("glTF volume", scenes::gltf(0.6, 0.1, 0.7, clear)),
+        ("glTF sheet", scenes::gltf(0.6, 0.1, 0.7, Boundary::Sheet)),
+        ("glass", scenes::glass(0.4, 1.5, clear)),
+        ("sheet", scenes::glass(0.4, 1.5, Boundary::Sheet)),
+    ];
+    let transmits = |m: &Material| m.bsdf.transmits();
+    let cases: Vec<_> = materials
+        .iter()
+        .flat_map(|(name, material)| {
+            let behind = if transmits(material) { vec![-above, -grazing] } else { vec![] };
+            [above, grazing].into_iter().chain(behind).map(move |given| (*name, material, given))
+        })
+        .collect();
+    assert!(cases.len() >= 20);
+    let limit = 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / cases.len() as f64);
+    for (name, material, given) in &cases {
+        let oracle = Oracle::new(gpu, &plate((*material).clone()));
+        let question = |kind| DrawQuestion { given: given.to_array(), kind, ..Default::default() };
+        let p = test_directions(&oracle, question(DRAW_SCATTER), question(PDF_SCATTER));
+        println!("{name} from {given}: p {p:.4}");
+        assert!(p >= limit, "{name} from {given}: {p}");
+    }
+    // The density of another direction is another.
+    let oracle = Oracle::new(gpu, &plate(scenes::conductor(0.4, Fresnel::None)));
+    let question = |kind, given: Vec3| DrawQuestion { given: given.to_array(), kind, ..Default::default() };
+    let turned = (above + Vec3::X * 0.02).normalize();
+    let p = test_directions(&oracle, question(DRAW_SCATTER, above), question(PDF_SCATTER, turned));
+    assert!(p < 1e-6, "a canary passes: {p}");
+}
+
+/// Draws of a mapped sky, counted per cell of the map; within a cell, density times the polar angle's sine is bilinear in the map's
+/// coordinates, so that its middle gives its integral.
+fn test_map(oracle: &Oracle, sky: &Environment) -> f64 {
+    let map = sky.map.as_ref().unwrap();
+    let (width, height) = (map.width as usize, map.height as usize);
+    let poles = map.rows == Rows::AtPoles;
+    let bands = if poles { height - 1 } else { height + 1 };
+    let knot = |band: usize| {
+        if poles { band as f64 / bands as f64 } else { ((band as f64 - 0.5) / height as f64).clamp(0.0, 1.0) }
+    };
+    let questions: Vec<_> = (0..bands * width)
+        .map(|i| {
+            let theta = 0.5 * (knot(i / width) + knot(i / width + 1)) * PI;
+            let phi = TAU * ((i % width) as f64 + 1.0) / width as f64;
+            let w = DVec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+            let w = sky.world_from_environment * w.as_vec3();
+            DrawQuestion { kind: PDF_SKY, w: w.to_array(), ..Default::default() }
+        })
+        .collect();
+    let expected: Vec<f64> = oracle
+        .ask(&questions)
+        .iter()
+        .enumerate()
+        .map(|(i, answer)| {
+            let (v0, v1) = (knot(i / width), knot(i / width + 1));
+            let solid_angle = TAU * PI * (0.5 * (v0 + v1) * PI).sin() * (v1 - v0) / width as f64;
+            f64::from(answer.pdf_w) * solid_angle * f64::from(DRAWS)
+        })
+        .collect();
+    let mass = expected.iter().sum::<f64>() / f64::from(DRAWS);
+    assert!((mass - 1.0).abs() < 1e-4, "the density integrates to {mass}");
+    let question = DrawQuestion { kind: DRAW_SKY, ..Default::default() };
+    let mut counts = vec![0_u64; expected.len()];
+    for answer in oracle.ask(&vec![question; DRAWS as usize]) {
+        let d = (sky.world_from_environment.transpose() * Vec3::from(answer.w)).as_dvec3();
+        let v = d.y.clamp(-1.0, 1.0).acos() / PI;
+        let band = if poles { v * bands as f64 } else { v * height as f64 + 0.5 };
+        let x = d.x.atan2(-d.z).rem_euclid(TAU) / TAU * width as f64 - 0.5;
+        counts[(band as usize).min(bands - 1) * width + x.rem_euclid(width as f64) as usize % width] += 1;
+    }
+    p_value(&counts, &expected)
+}
+
+#[test]
+fn skies_are_drawn_as_their_density_says() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = plate(Material::diffuse("", Vec3::ONE));
+    scene.environment = scenes::cornell("env").environment;
+    let mut sky = scene.environment.clone().unwrap();
+    for rows in [Rows::AtPoles, Rows::Centred] {
+        sky.map.as_mut().unwrap().rows = rows;
+        scene.environment = Some(sky.clone());
+        let p = test_map(&Oracle::new(gpu, &scene), &sky);
+        println!("map, {rows:?}: p {p:.4}");
+        assert!(p >= SIGNIFICANCE / 3.0, "map, {rows:?}: {p}");
+    }
+
+    scene.environment = Some(Environment { map: None, ..sky });
+    let question = |kind| DrawQuestion { kind, ..Default::default() };
+    let p = test_directions(&Oracle::new(gpu, &scene), question(DRAW_SKY), question(PDF_SKY));
+    println!("constant: p {p:.4}");
+    assert!(p >= SIGNIFICANCE / 3.0, "constant: {p}");
+}
+
+/// Lights are chosen by their probability; subpaths leave a point light evenly, a spot evenly over its cone, a triangle evenly over
+/// its area and by the cosine.
+#[test]
+fn lights_are_drawn_as_their_density_says() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = scenes::reflecting();
+    scene.lights.push(Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::splat(0.1) });
+    let oracle = Oracle::new(gpu, &scene);
+    let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
+    let drawn = oracle.ask(&vec![question; DRAWS as usize]);
+    let geometry = lightsheaf::scene::Geometry::new(&scene);
+    let bounds = geometry.bounds;
+    let sphere = (0.5 * (bounds[0] + bounds[1]), 0.5 * bounds[0].distance(bounds[1]));
+    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, sphere, true);
+    assert_eq!(table.records.len(), 5, "spot, point, sun and two triangles");
+
+    let mut counts = vec![0_u64; table.records.len()];
+    drawn.iter().for_each(|a| counts[a.index as usize] += 1);
+    let expected: Vec<f64> = table.records.iter().map(|r| f64::from(r.probability) * f64::from(DRAWS)).collect();
+    let p = p_value(&counts, &expected);
+    assert!(p >= SIGNIFICANCE / 8.0, "choice: {p}");
+
+    let mut tested = 0;
+    for (index, record) in table.records.iter().enumerate() {
+        let of: Vec<_> = drawn.iter().filter(|a| a.index as usize == index).collect();
+        // A number that is even over [0, 1), of each draw.
+        let (what, evens): (&str, Vec<f64>) = match record.kind {
+            0 => ("point", of.iter().map(|a| f64::from(a.w[2]) * 0.5 + 0.5).collect()),
+            1 => {
+                let axis = Vec3::from(record.direction);
+                let even = |a: &&DrawAnswer| (1.0 - axis.dot(Vec3::from(a.w))) / (1.0 - record.cos_outer);
+                ("spot", of.iter().map(|a| f64::from(even(a))).collect())
+            }
+            4 => {
+                // Cosine-distributed: the square of the cosine is even.
+                ("triangle", of.iter().map(|a| f64::from(a.w[1] * a.w[1])).collect())
+            }
+            _ => continue,
+        };
+        let mut counts = [0_u64; 64];
+        evens.iter().for_each(|&e| counts[((e * 64.0) as usize).min(63)] += 1);
+        let p = p_value(&counts, &[evens.len() as f64 / 64.0; 64]);
+        println!("{what}: {} draws, p {p:.4}", evens.len());
+        assert!(p >= SIGNIFICANCE / 8.0, "{what}: {p}");
+        tested += 1;
+        if record.kind == 4 {
+            // Even over the area: the weight of a corner w has 1 - (1 - w)^2 even.
+            let [a, b, c] = geometry.positions(record.triangle as usize);
+            let area = (b - a).cross(c - a);
+            let mut counts = [0_u64; 64];
+            for answer in &of {
+                let x = Vec3::from(answer.extra);
+                let weight = f64::from((b - x).cross(c - x).dot(area) / area.length_squared()).clamp(0.0, 1.0);
+                counts[(((1.0 - (1.0 - weight).powi(2)) * 64.0) as usize).min(63)] += 1;
+            }
+            let p = p_value(&counts, &[of.len() as f64 / 64.0; 64]);
+            assert!(p >= SIGNIFICANCE / 8.0, "area: {p}");
+        }
+    }
+    assert_eq!(tested, 4);
+}
+
+#[test]
+fn the_distribution_of_chi_square_is_right() {
+    // Tables: 3.841 at 1, 18.307 at 10, 124.342 at 100 have a tail of 5 %; 23.209 at 10 of 1 %.
+    for (x, dof, p) in
+        [(3.841, 1.0, 0.05), (18.307, 10.0, 0.05), (124.342, 100.0, 0.05), (23.209, 10.0, 0.01), (5.0, 20.0, 0.9997)]
+    {
+        let actual = chi_square_tail(x, dof);
+        assert!((actual / p - 1.0).abs() < 0.01, "{x} at {dof}: {actual}");
+    }
+}

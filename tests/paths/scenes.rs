@@ -1,0 +1,208 @@
+//! Scenes with every light, material and camera that the path methods follow.
+
+use glam::{Affine2, Vec2, Vec3};
+use lightsheaf::scene::{
+    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lens, Light, Material, Mesh, NormalMap, Scalar,
+    Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+};
+
+use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
+
+pub fn cornell(name: &str) -> Scene {
+    builtin::load(&format!("cornell_{name}")).unwrap()
+}
+
+fn material(bsdf: Bsdf) -> Material {
+    Material { bsdf, ..Material::diffuse("", Vec3::ONE) }
+}
+
+pub fn conductor(alpha: f32, fresnel: Fresnel) -> Material {
+    material(Bsdf::Conductor { alpha: alpha.into(), fresnel, specular: Vec3::new(0.9, 0.8, 0.7).into() })
+}
+
+pub fn plastic(alpha: f32) -> Material {
+    material(Bsdf::Plastic {
+        alpha: alpha.into(),
+        diffuse: Vec3::new(0.2, 0.5, 0.7).into(),
+        specular: Vec3::ONE.into(),
+        eta: 1.5,
+        nonlinear: true,
+    })
+}
+
+pub fn glass(alpha: f32, eta: f32, boundary: Boundary) -> Material {
+    let [reflection, transmission] = [Vec3::new(1.0, 0.9, 0.8), Vec3::new(0.8, 0.9, 1.0)].map(Color::from);
+    Material { boundary, ..material(Bsdf::Dielectric { alpha: alpha.into(), eta, reflection, transmission }) }
+}
+
+/// glTF's model: half metal where `metallic` is 0.5, and letting light pass.
+pub fn gltf(roughness: f32, metallic: f32, transmission: f32, boundary: Boundary) -> Material {
+    let bsdf = Bsdf::MetallicRoughness {
+        base_color: Vec3::new(0.9, 0.7, 0.5).into(),
+        metallic: metallic.into(),
+        roughness: roughness.into(),
+        ior: 1.45,
+        specular: 1.0.into(),
+        specular_color: Vec3::ONE.into(),
+        transmission: transmission.into(),
+    };
+    Material { boundary, ..material(bsdf) }
+}
+
+pub fn ball(center: Vec3, radius: f32, subdivisions: u32, smooth: bool) -> Mesh {
+    let mut mesh = sphere(subdivisions);
+    if smooth {
+        mesh.normals = mesh.positions.clone();
+    }
+    mesh.positions.iter_mut().for_each(|p| *p = center + *p * radius);
+    mesh
+}
+
+/// Smooth balls in a gray room: the shading normal is not the geometric one.
+fn balls(materials: [Material; 4]) -> Scene {
+    let mut scene = Scene {
+        cameras: vec![pinhole(Vec3::new(0.0, 0.2, 0.95), Vec3::new(0.0, -0.25, -1.0), 1.3)],
+        ..Scene::default()
+    };
+    add(&mut scene, room(), Material::diffuse("room", Vec3::new(0.6, 0.5, 0.4)));
+    let places = [(-0.5, -0.65, -0.5), (0.15, -0.65, -0.6), (-0.2, -0.7, 0.1), (0.55, -0.7, -0.05)];
+    for ((x, y, z), material) in places.into_iter().zip(materials) {
+        add(&mut scene, ball(Vec3::new(x, y, z), 1.0 + y - 0.02, 2, true), material);
+    }
+    scene
+}
+
+fn lamp(scene: &mut Scene, strength: f32, two_sided: bool) {
+    let emission = Some(Emission { radiance: (Vec3::new(1.0, 0.9, 0.7) * strength).into(), two_sided });
+    let shape = quad(Vec3::new(-0.3, 0.9, -0.3), Vec3::X * 0.6, Vec3::Z * 0.6);
+    add(scene, shape, Material { emission, sides: Sides::One, ..Material::diffuse("lamp", Vec3::splat(0.3)) });
+}
+
+/// Rough plastic and metal, glTF's mixture; a spot, a point and a lamp that shines on both sides.
+pub fn reflecting() -> Scene {
+    let gold = Fresnel::Conductor { eta: Vec3::new(0.2, 0.4, 1.4), k: Vec3::new(3.9, 2.4, 1.6) };
+    let mut scene = balls([
+        conductor(0.15, gold),
+        plastic(0.1),
+        gltf(0.5, 0.5, 0.0, Boundary::Sheet),
+        gltf(0.3, 0.0, 0.0, Boundary::Sheet),
+    ]);
+    lamp(&mut scene, 1.0, true);
+    let position = Vec3::new(-0.8, 0.8, 0.5);
+    let (direction, intensity) = ((Vec3::new(0.2, -0.7, -0.3) - position).normalize(), Vec3::new(2.0, 1.0, 0.5));
+    let (inner_angle, outer_angle, falloff) = (0.3, 0.5, SpotFalloff::AngleLinear);
+    scene.lights.push(Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff });
+    scene.lights.push(Light::Point { position: Vec3::new(0.7, 0.2, -0.7), intensity: Vec3::splat(0.2) });
+    scene
+}
+
+/// Smooth metal, plastic and glTF's mixture under a lamp; of a light without extent, no path from the camera could find what they
+/// throw.
+pub fn mirrors() -> Scene {
+    let gold = Fresnel::Conductor { eta: Vec3::new(0.2, 0.4, 1.4), k: Vec3::new(3.9, 2.4, 1.6) };
+    let mut scene = balls([
+        conductor(0.0, gold),
+        plastic(0.0),
+        gltf(0.0, 0.5, 0.0, Boundary::Sheet),
+        conductor(0.0, Fresnel::None),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Transmission: smooth and rough glass, glass that absorbs, glTF's, sheets.
+pub fn transmitting() -> Scene {
+    let volume = Boundary::Volume { absorption: Vec3::new(2.0, 0.5, 0.2) };
+    let mut scene = balls([
+        glass(0.0, 1.5, volume),
+        glass(0.2, 1.4, Boundary::Volume { absorption: Vec3::ZERO }),
+        gltf(0.4, 0.1, 0.8, volume),
+        glass(0.3, 1.5, Boundary::Sheet),
+    ]);
+    lamp(&mut scene, 2.0, false);
+    let sheet = quad(Vec3::new(-0.9, -0.9, -0.7), Vec3::new(0.7, 0.0, -0.2), Vec3::Y * 1.2);
+    add(&mut scene, sheet, gltf(0.3, 0.0, 0.7, Boundary::Sheet));
+    let sheet = quad(Vec3::new(0.2, -0.9, -0.75), Vec3::new(0.7, 0.0, 0.2), Vec3::Y * 1.2);
+    add(&mut scene, sheet, glass(0.0, 1.5, Boundary::Sheet));
+    scene
+}
+
+/// A floor seen past a ball that the light of a lamp above comes through.
+pub fn behind_glass(material: Material) -> Scene {
+    let mut scene = Scene {
+        cameras: vec![pinhole(Vec3::new(0.0, 0.15, 0.9), Vec3::new(0.0, -0.9, -0.9), 0.6)],
+        ..Scene::default()
+    };
+    add(&mut scene, floor(1.0, -0.8), Material::diffuse("floor", Vec3::splat(0.7)));
+    add(&mut scene, ball(Vec3::new(0.0, 0.3, 0.0), 0.3, 3, true), material);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// A spot of full strength above a mirror floor, and a wall.
+pub fn mirrored_light() -> Scene {
+    let mut scene = Scene {
+        cameras: vec![parallel(Vec3::new(0.0, 0.6, 1.0), Vec3::NEG_Z, 0.2)],
+        lights: vec![Light::Spot {
+            position: Vec3::new(0.3, 1.0, 0.0),
+            // By way of the mirror to the middle of what the camera sees.
+            direction: Vec3::new(-0.3, -1.6, -1.0).normalize(),
+            intensity: Vec3::splat(2.0),
+            inner_angle: 0.25,
+            outer_angle: 0.3,
+            falloff: SpotFalloff::CosineSquared,
+        }],
+        ..Scene::default()
+    };
+    add(&mut scene, floor(4.0, 0.0), conductor(0.0, Fresnel::None));
+    add(
+        &mut scene,
+        quad(Vec3::new(-2.0, 0.0, -1.0), Vec3::X * 4.0, Vec3::Y * 2.0),
+        Material::diffuse("wall", Vec3::splat(0.5)),
+    );
+    scene
+}
+
+fn checker(colors: [[u8; 4]; 2]) -> Image {
+    let texels = (0..64).map(|i: u32| colors[((i ^ (i >> 3)) & 1) as usize]).collect();
+    Image { name: "checker".to_owned(), width: 8, height: 8, texels }
+}
+
+/// A lamp with a picture and holes, normal maps, under sunlight and a parallel camera.
+pub fn textured() -> Scene {
+    let mut scene = Scene {
+        cameras: vec![parallel(Vec3::new(0.0, 1.5, 2.0), Vec3::new(0.0, -0.8, -1.0), 1.2)],
+        ..Scene::default()
+    };
+    scene.images =
+        vec![checker([[255, 180, 90, 255], [40, 60, 200, 0]]), checker([[150, 128, 240, 255], [110, 140, 240, 255]])];
+    scene.textures = (0..2)
+        .map(|image| Texture {
+            image,
+            wrap: [Wrap::Repeat; 2],
+            filter: if image == 0 { Filter::Nearest } else { Filter::Linear },
+            srgb: image == 0,
+        })
+        .collect();
+    let of = |texture| TextureRef { texture, uv_set: 0, transform: Affine2::from_scale(Vec2::splat(1.0)) };
+    let bumpy = Some(NormalMap { texture: of(1), scale: 1.0 });
+    add(&mut scene, floor(1.5, 0.0), Material { normal_map: bumpy, ..Material::diffuse("floor", Vec3::splat(0.7)) });
+    let emission =
+        Some(Emission { radiance: Color { factor: Vec3::splat(4.0), texture: Some(of(0)) }, two_sided: true });
+    let mask = AlphaMask { value: Scalar { factor: 1.0, texture: Some((of(0), 3)) }, cutoff: 0.5 };
+    let shining = Material { emission, alpha_mask: Some(mask), ..Material::diffuse("screen", Vec3::splat(0.5)) };
+    add(&mut scene, quad(Vec3::new(-0.6, 0.2, -0.6), Vec3::X * 0.8, Vec3::new(0.0, 0.7, 0.2)), shining);
+    let wall = quad(Vec3::new(-1.5, 0.0, -1.5), Vec3::X * 3.0, Vec3::Y * 1.5);
+    add(&mut scene, wall, Material { normal_map: bumpy, ..gltf(0.6, 0.0, 0.0, Boundary::Sheet) });
+    add(&mut scene, inverted(ball(Vec3::new(0.5, 0.35, 0.2), 0.3, 1, false)), Material::diffuse("ball", Vec3::ONE));
+    let direction = Vec3::new(0.4, -1.0, -0.2).normalize();
+    scene.lights.push(Light::Directional { direction, irradiance: Vec3::new(0.6, 0.6, 0.5) });
+    scene
+}
+
+/// The Cornell box through a wide lens.
+pub fn lens() -> Scene {
+    let mut scene = cornell("area");
+    scene.cameras[0].lens = Some(Lens { radius: 0.15, focus: 3.2 });
+    scene
+}

@@ -1,0 +1,66 @@
+//! The weights of all strategies of a random path sum to 1, and each is what all densities written out give.
+
+use lightsheaf::gpu::{Compute, read_back};
+use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::scene::{Lens, Light, Scene};
+use lightsheaf::settings::{Method, Settings};
+
+use crate::common::gpu_with_ray_queries;
+use crate::{scenes, settings};
+
+/// Sum, largest deviation of a weight, strategies and surfaces of each path; zeros where there was none.
+fn sums(scene: &Scene, settings: &Settings, count: u32) -> Option<Vec<[f32; 4]>> {
+    let gpu = gpu_with_ray_queries()?;
+    let renderer = PathRenderer::new(gpu, scene, settings).unwrap();
+    renderer.describe(0, 0, count);
+    let pass = Compute::new(gpu, "mis_sums", "mis_sums", &renderer.plan().flags);
+    let answers = gpu.storage("answers", u64::from(count) * 16);
+    let mut bindings = renderer.bindings();
+    bindings.push(("answers", answers.as_entire_binding()));
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    pass.record(gpu, &mut encoder, [count, 1], &bindings);
+    gpu.queue.submit([encoder.finish()]);
+    Some(read_back(gpu, &answers, count as usize).unwrap())
+}
+
+/// Diffuse, glossy, smooth, transmitting; point, spot, directional, area, constant and mapped environment.
+fn all() -> Vec<(&'static str, Scene)> {
+    let mut lit = scenes::transmitting();
+    lit.lights = scenes::reflecting().lights;
+    lit.lights.push(Light::Directional { direction: glam::Vec3::NEG_Y, irradiance: glam::Vec3::ONE });
+    lit.cameras[0].lens = Some(Lens { radius: 0.05, focus: 1.0 });
+    let mut open = scenes::mirrors();
+    open.environment = scenes::cornell("env").environment;
+    let mut constant = scenes::textured();
+    constant.environment = open.environment.clone();
+    if let Some(environment) = &mut constant.environment {
+        environment.map = None;
+    }
+    vec![
+        ("Cornell box", scenes::cornell("area")),
+        ("all lights, transmission", lit),
+        ("mirrors, map", open),
+        ("textures, constant sky, parallel camera", constant),
+    ]
+}
+
+#[test]
+fn weights_sum_to_one() {
+    let count = 350_000;
+    for beta in [2.0, 1.0] {
+        let mut total = 0;
+        for (name, scene) in all() {
+            let settings = Settings { beta: Some(beta), ..settings(Method::RayQuery, 64, 1, 6) };
+            let Some(answers) = sums(&scene, &settings, count) else { return };
+            let paths: Vec<_> = answers.iter().filter(|a| a[3] > 0.0).collect();
+            let worst = paths.iter().map(|a| (a[0] - 1.0).abs()).fold(0.0, f32::max);
+            let deviation = paths.iter().map(|a| a[1]).fold(0.0, f32::max);
+            let most = paths.iter().map(|a| a[2]).fold(0.0, f32::max);
+            println!("{name}, beta {beta}: {} paths, sums within {worst:e}, weights within {deviation:e}", paths.len());
+            assert!(worst <= 1e-5 && deviation <= 1e-5, "{name}, beta {beta}: {worst} {deviation}");
+            assert!(paths.len() > count as usize / 20 && most >= 7.0, "{name}: {} paths, {most}", paths.len());
+            total += paths.len();
+        }
+        assert!(total > 300_000, "{total}");
+    }
+}
