@@ -176,7 +176,7 @@ fn bad_values_are_named() {
     bad(&["--bounces", "65"], "--bounces 65: has to be 0 to 64");
     bad(&["--bounces", "unlimited"], "raster needs a number");
     bad(&["--bounces", "many"], "neither a whole number nor `unlimited`");
-    bad(&["--method", "guess"], "raster, ray-query, path, reference");
+    bad(&["--method", "guess"], "raster, twin, ray-query, path, reference");
     bad(&["--bundle-resolution", "8"], "--bundle-resolution 8: has to be 16 to 2048");
     bad(&["--light-resolution", "4096"], "--light-resolution 4096");
     bad(&["--vpl-resolution", "1"], "--vpl-resolution 1");
