@@ -224,6 +224,20 @@ layouts! {
         pad2: u32,
     }
 
+    /// A ray from a light, drawn or asked about.
+    struct LightDraw in "light_draws" {
+        w: [f32; 3],
+        pdf: f32,
+        offset: [f32; 3],
+        asked: u32,
+    }
+
+    /// What the weights of random paths are taken for.
+    struct PathWeights in "path_weights" {
+        allowed: [f32; 3],
+        beta: f32,
+    }
+
     /// A vertex of the light subpath; the host only needs its size.
     struct LightVertex in "connect" {
         position: [f32; 3],
