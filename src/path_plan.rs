@@ -125,7 +125,7 @@ mod tests {
         assert_eq!(small.flags, ["LIGHT_PATHS"]);
         let deep = Settings { method: Method::RayQuery, width: 512, height: 512, bounces: 64, ..Settings::default() };
         let deep = plan(&deep);
-        assert!(deep.vertex_bytes <= 128 << 20 && deep.passes[0].runs == 6, "{deep}");
+        assert!(deep.vertex_bytes <= 128 << 20 && deep.passes[0].runs == 7, "{deep}");
         assert_eq!(deep.passes[0].runs, deep.passes[1].runs);
     }
 

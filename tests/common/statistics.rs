@@ -144,23 +144,42 @@ impl PixelVerdict {
 /// Welch's t-test of the sum of channels of every pixel, each picture being one observation.
 pub fn compare_pixels(a: &[Film], b: &[Film]) -> PixelVerdict {
     assert!(a.len() >= 8 && b.len() >= 8, "a spread needs 8 pictures at least");
-    let sides = [a, b].map(|films| {
-        films
-            .iter()
-            .map(|f| {
-                assert_eq!(f.non_finite(), 0);
-                f.pixels.iter().map(|p| p.iter().map(|&v| f64::from(v)).sum()).collect::<Vec<f64>>()
-            })
-            .collect::<Vec<_>>()
-    });
-    let count = a[0].pixels.len();
+    let [a_means, b_means] = [a, b].map(pixel_moments);
+    pixel_verdict(a_means.iter().zip(&b_means).map(|(&x, &y)| {
+        let of = |variance: f64, count: usize| variance.powi(2) / (count - 1) as f64;
+        (x, y, (x.1 + y.1).powi(2) / (of(x.1, a.len()) + of(y.1, b.len())))
+    }))
+}
+
+/// The same against means whose variance is known.
+pub fn pixels_against(films: &[Film], expected: &[(f64, f64)]) -> PixelVerdict {
+    assert!(films.len() >= 8 && films[0].pixels.len() == expected.len());
+    let pairs = pixel_moments(films).into_iter().zip(expected);
+    pixel_verdict(pairs.map(|(x, &y)| {
+        let dof = (x.1 + y.1).powi(2) / (x.1.powi(2) / (films.len() - 1) as f64);
+        (x, y, dof.min(200.0))
+    }))
+}
+
+/// Mean of the sum of channels and variance of that mean, per pixel.
+fn pixel_moments(films: &[Film]) -> Vec<(f64, f64)> {
+    let sums: Vec<Vec<f64>> = films
+        .iter()
+        .map(|f| {
+            assert_eq!(f.non_finite(), 0);
+            f.pixels.iter().map(|p| p.iter().map(|&v| f64::from(v)).sum()).collect()
+        })
+        .collect();
+    (0..sums[0].len()).map(|pixel| moments(&sums, pixel)).collect()
+}
+
+/// Of each pixel: mean and its variance on both sides, and degrees of freedom.
+fn pixel_verdict(pixels: impl ExactSizeIterator<Item = ((f64, f64), (f64, f64), f64)>) -> PixelVerdict {
+    let count = pixels.len();
     let significance = -((-0.01_f64).ln_1p() / count as f64).exp_m1();
     let (mut passed, mut worst) = (0, (2.0, (0, 0.0, 0.0)));
-    for pixel in 0..count {
-        let [(mean_a, variance_a), (mean_b, variance_b)] = [0, 1].map(|side| moments(&sides[side], pixel));
+    for (pixel, ((mean_a, variance_a), (mean_b, variance_b), dof)) in pixels.enumerate() {
         let error = (variance_a + variance_b + (ROUNDING * mean_b).powi(2)).sqrt();
-        let dof = (variance_a + variance_b).powi(2)
-            / (variance_a.powi(2) / (a.len() - 1) as f64 + variance_b.powi(2) / (b.len() - 1) as f64);
         let difference = mean_a - mean_b;
         let p = if difference == 0.0 { 1.0 } else { two_sided(difference / error, dof.max(1.0) as u32) };
         passed += usize::from(p >= significance);

@@ -7,7 +7,7 @@ mod scenes;
 mod weights;
 
 use common::gpu_with_ray_queries;
-use common::statistics::{Look, compare, compare_pixels};
+use common::statistics::{Look, compare, compare_pixels, pixels_against};
 use glam::{Vec2, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
@@ -267,6 +267,21 @@ fn the_same_seed_gives_the_same_bytes() {
     }
 }
 
+/// Without any light, and without anything at all, a picture is black.
+#[test]
+fn the_dark_is_black() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut dark = scenes::cornell("point");
+    dark.lights.clear();
+    let empty = Scene { cameras: dark.cameras.clone(), ..Scene::default() };
+    for method in METHODS {
+        for scene in [&dark, &empty] {
+            let (film, _) = picture(gpu, scene, &settings(method, 16, 2, 2));
+            assert!(film.pixels.iter().flatten().all(|&v| v == 0.0), "{method}");
+        }
+    }
+}
+
 /// Values that are not finite show, and are counted.
 #[test]
 fn a_planted_nan_is_counted() {
@@ -284,7 +299,25 @@ fn a_planted_nan_is_counted() {
     }
 }
 
-/// Every reference scene and Sun's three at 128 x 128, pixel by pixel:
+/// What Mitsuba gives for a scene with two bounces, in blocks of 4 x 4 pixels, with the spread that its own remaining error says.
+fn mitsuba(name: &str) -> Option<Vec<(f64, f64)>> {
+    let path = common::shared()?.join("references").join(format!("{name}_d4"));
+    let film = Film::load(path.with_extension("exr")).unwrap();
+    let json = std::fs::read_to_string(path.with_extension("json")).unwrap();
+    let own = serde_json::from_str::<serde_json::Value>(&json).unwrap()["ref_own_relMSE_est"].as_f64().unwrap();
+    let side = film.width as usize / 4;
+    let block = |i: usize| {
+        let pixels = (0..16).map(|k| film.pixels[(i / side * 4 + k / 4) * film.width as usize + i % side * 4 + k % 4]);
+        let mean = pixels.flatten().map(f64::from).sum::<f64>() / 16.0;
+        // rel_mse divides by the square of a channel and 0.01; three channels of one path vary together.
+        (mean, 9.0 * own * (mean * mean / 9.0 + 0.01) / 16.0)
+    };
+    Some((0..side * side).map(block).collect())
+}
+
+/// Every reference scene and Sun's three at 128 x 128, pixel by pixel, with `SAMPLES` a picture (32) and four times as many of the
+/// reference; where Mitsuba's pictures are there, against them, too: corner_spikes has a bright spot that paths from the camera
+/// hardly ever find, the reference's included, and its own pictures of it are dark and say so of themselves too rarely.
 ///
 ///     cargo test --test paths -- --ignored --nocapture matrix
 #[test]
@@ -292,10 +325,10 @@ fn a_planted_nan_is_counted() {
 fn matrix() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     println!(
-        "| scene | method | pixels that pass | worst pixel: difference, standard error | mean |\n|---|---|---|---|---|"
+        "| scene | method | pixels that pass | worst pixel: difference, standard error | mean | pixels that pass against \
+         Mitsuba |\n|---|---|---|---|---|---|"
     );
-    let mut failed = Vec::new();
-    let sun = ["spheres", "mirrors", "water"].map(|n| (n.to_owned(), scenes::cornell(n), 6));
+    let sun = ["spheres", "mirrors", "water"].map(|n| (format!("cornell_{n}"), scenes::cornell(n), 6));
     let shared = common::shared().map_or(Vec::new(), |shared| {
         ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"]
             .map(|n| {
@@ -304,25 +337,34 @@ fn matrix() {
             })
             .to_vec()
     });
+    let samples = std::env::var("SAMPLES").ok().and_then(|s| s.parse().ok()).unwrap_or(32);
+    let mut failed = Vec::new();
+    let mut rows = 0;
     for (name, scene, bounces) in shared.into_iter().chain(sun) {
-        let samples = std::env::var("SAMPLES").ok().and_then(|s| s.parse().ok()).unwrap_or(32);
+        if std::env::var("SCENE").is_ok_and(|wanted| wanted != name) {
+            continue;
+        }
         let expected = references(&scene, &settings(Method::Path, 128, 1, bounces), 4 * samples);
+        let mitsuba = if bounces == 2 { mitsuba(&name) } else { None };
         for method in METHODS {
             let films = pictures(gpu, &scene, &settings(method, 128, samples, bounces));
             let (pixels, image) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Image));
+            let beside = mitsuba.as_ref().map(|m| pixels_against(&films, m));
             let (_, difference, error) = pixels.worst;
             println!(
-                "| {name} | {method} | {:.3} % | {:+.1} %, {:.1} % | {:+.3} % +- {:.3} % |",
+                "| {name} | {method} | {:.3} % | {:+.1} %, {:.1} % | {:+.3} % +- {:.3} % | {} |",
                 100.0 * pixels.share,
                 100.0 * difference,
                 100.0 * error,
                 100.0 * image.image[0],
                 100.0 * image.image[1],
+                beside.as_ref().map_or(String::new(), |b| format!("{:.3} %", 100.0 * b.share)),
             );
-            if !pixels.agrees() {
+            rows += 1;
+            if !pixels.agrees() && !beside.is_some_and(|b| b.agrees()) {
                 failed.push(format!("{name}, {method}"));
             }
         }
     }
-    assert!(failed.is_empty(), "{failed:?}");
+    assert!(rows >= 2 && failed.is_empty(), "{failed:?}");
 }
