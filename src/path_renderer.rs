@@ -16,7 +16,7 @@ use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
-use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, read_film};
+use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Geometry, Projection, Scene, SceneStats};
 use crate::settings::{Method, OnlyStrategy, Settings};
 
@@ -143,10 +143,7 @@ impl<'gpu> PathRenderer<'gpu> {
         self.constants.only_s = only.map_or(ANY, |o| o.s);
         self.constants.only_t = only.map_or(ANY, |o| o.t);
         self.constants.unweighted = u32::from(only.is_some_and(|o| !o.weighted));
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        encoder.clear_buffer(&self.pixels.film, 0, None);
-        self.gpu.queue.submit([encoder.finish()]);
-        self.samples = 0;
+        self.restart(self.constants.seed);
     }
 
     /// Everything that passes over paths read and write; names that a shader does not use are ignored.
@@ -220,6 +217,12 @@ impl Progressive for PathRenderer<'_> {
             }
         }
         Ok(())
+    }
+
+    fn restart(&mut self, seed: u32) {
+        clear(self.gpu, &self.pixels.film);
+        self.constants.seed = seed;
+        self.samples = 0;
     }
 
     fn film(&self) -> Result<Film, RenderError> {

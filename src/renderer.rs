@@ -56,6 +56,9 @@ pub trait Progressive {
     /// [`RenderError::Gpu`] where the device reports an error or cannot hold what the scene needs.
     fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
 
+    /// Begins a new picture with another seed.
+    fn restart(&mut self, seed: u32);
+
     /// The picture so far: the mean of all samples.
     ///
     /// # Errors
@@ -196,6 +199,12 @@ impl Progressive for Renderer<'_> {
         Ok(())
     }
 
+    fn restart(&mut self, seed: u32) {
+        clear(self.gpu, &self.frame.film);
+        self.settings.seed = seed;
+        self.samples = 0;
+    }
+
     fn film(&self) -> Result<Film, RenderError> {
         read_film(self.gpu, &self.frame.film, &self.settings, self.samples)
     }
@@ -233,6 +242,13 @@ pub(crate) fn check_size(gpu: &Gpu, settings: &Settings) -> Result<(), RenderErr
         )));
     }
     Ok(())
+}
+
+/// Empties a film.
+pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.clear_buffer(film, 0, None);
+    gpu.queue.submit([encoder.finish()]);
 }
 
 /// Means of compensated sums.

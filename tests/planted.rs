@@ -21,16 +21,24 @@ const RUNS: u32 = 10;
 /// Pictures in a run.
 const PICTURES: u32 = 8;
 
-fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Film {
-    let draw = |renderer: &mut dyn Progressive| {
-        renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
-        renderer.film().unwrap()
-    };
+/// The renderer of a method.
+fn renderer<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Box<dyn Progressive + 'gpu> {
     if settings.method.shares_subpaths() {
-        draw(&mut Renderer::new(gpu, scene, settings).unwrap())
+        Box::new(Renderer::new(gpu, scene, settings).unwrap())
     } else {
-        draw(&mut PathRenderer::new(gpu, scene, settings).unwrap())
+        Box::new(PathRenderer::new(gpu, scene, settings).unwrap())
     }
+}
+
+/// The pictures of a run.
+fn pictures(renderer: &mut dyn Progressive, run: u32, samples: u32) -> Vec<Film> {
+    (0..PICTURES)
+        .map(|n| {
+            renderer.restart(1 + 100 * run + n);
+            renderer.render(samples.into(), &mut |_| true).unwrap();
+            renderer.film().unwrap()
+        })
+        .collect()
 }
 
 /// Sum of the pictures times a factor of picture and pixel.
@@ -42,7 +50,7 @@ fn sum(parts: &[Film], factor: impl Fn(usize, usize) -> f32) -> Film {
     out
 }
 
-/// A scene with what the reference makes of it.
+/// A scene, how it is rendered, and what the reference makes of it.
 struct Case {
     scene: Scene,
     settings: Settings,
@@ -57,50 +65,54 @@ impl Case {
         Self { scene, settings, expected }
     }
 
-    fn settings(&self, run: u32, picture: u32) -> Settings {
-        Settings { seed: 1 + 100 * run + picture, ..self.settings.clone() }
+    /// Pictures of each run.
+    fn runs(&self, gpu: &Gpu, scene: &Scene, only: Option<OnlyStrategy>) -> Vec<Vec<Film>> {
+        let mut renderer = renderer(gpu, scene, &Settings { only, ..self.settings.clone() });
+        (0..RUNS).map(|run| pictures(renderer.as_mut(), run, self.settings.samples)).collect()
     }
 
-    fn pictures(&self, gpu: &Gpu, scene: &Scene, run: u32) -> Vec<Film> {
-        (0..PICTURES).map(|n| picture(gpu, scene, &self.settings(run, n))).collect()
-    }
-
-    /// Whether the comparison says that the pictures are wrong.
-    fn caught(&self, films: &[Film]) -> bool {
-        !compare(films, &self.expected, Look::Blocks).agrees()
+    /// In how many runs the comparison says that the pictures are wrong.
+    fn caught(&self, runs: &[Vec<Film>]) -> usize {
+        runs.iter().filter(|films| !compare(films, &self.expected, Look::Blocks).agrees()).count()
     }
 }
 
-/// What was caught, by name of the error.
-fn run(gpu: &Gpu, method: Method, [even, direct, boxed]: &[Case; 3], run: u32) -> Vec<(&'static str, bool)> {
-    let right = even.pictures(gpu, &even.scene, run);
-    let brighter: Vec<_> = right.iter().map(|f| sum(std::slice::from_ref(f), |_, _| 1.0075)).collect();
+/// In how many runs each error was caught, by its name.
+fn caught(gpu: &Gpu, method: Method) -> Vec<(&'static str, usize)> {
+    let shares = method.shares_subpaths();
+    // Even light shows the smallest change of the whole.
+    let even = Case::new("integrating_sphere", method, if shares { 256 } else { 64 }, 2);
+    let right = even.runs(gpu, &even.scene, None);
+    let brighter: Vec<Vec<_>> =
+        right.iter().map(|films| films.iter().map(|f| sum(std::slice::from_ref(f), |_, _| 1.0075)).collect()).collect();
     let mut out = vec![("nothing", even.caught(&right)), ("light 0.75 % too bright", even.caught(&brighter))];
 
     // A diffuse surface of reflectance pi R reflects R of direct light per steradian.
+    let direct = Case::new("cornell_point", method, 16, 0);
     let mut without_pi = direct.scene.clone();
     for material in &mut without_pi.materials {
         let Bsdf::Diffuse { reflectance } = &mut material.bsdf else { continue };
         reflectance.factor *= std::f32::consts::PI;
     }
-    out.push(("1 / pi missing", direct.caught(&direct.pictures(gpu, &without_pi, run))));
+    out.push(("1 / pi missing", direct.caught(&direct.runs(gpu, &without_pi, None))));
 
+    // In the box every strategy matters.
+    let boxed = Case::new("cornell_point", method, 64, 1);
     let strategies: Vec<_> = OnlyStrategy::all(boxed.settings.bounces, true)
         .filter(|only| only.s > 0 && method.has_strategy(only.s, only.t))
         .collect();
-    let parts: Vec<Vec<Film>> = (0..PICTURES)
-        .map(|n| {
-            let settings = boxed.settings(run, n);
-            let one = |&only| picture(gpu, &boxed.scene, &Settings { only: Some(only), ..settings.clone() });
-            strategies.iter().map(one).collect()
-        })
-        .collect();
-    let all = |factor: &dyn Fn(&OnlyStrategy, usize) -> f32| -> Vec<Film> {
-        parts.iter().map(|parts| sum(parts, |n, pixel| factor(&strategies[n], pixel))).collect()
+    let parts: Vec<_> = strategies.iter().map(|&only| boxed.runs(gpu, &boxed.scene, Some(only))).collect();
+    let all = |factor: &dyn Fn(&OnlyStrategy, usize) -> f32| -> Vec<Vec<Film>> {
+        let of = |run: usize, picture: usize| {
+            let films: Vec<_> = parts.iter().map(|p| p[run][picture].clone()).collect();
+            sum(&films, |n, pixel| factor(&strategies[n], pixel))
+        };
+        (0..RUNS as usize).map(|run| (0..PICTURES as usize).map(|picture| of(run, picture)).collect()).collect()
     };
     let whole = all(&|_, _| 1.0);
+    let same: Vec<_> = whole.iter().map(|films| vec![films[0].clone(); films.len()]).collect();
     out.push(("nothing, sum of strategies", boxed.caught(&whole)));
-    out.push(("seed not advanced", boxed.caught(&vec![whole[0].clone(); whole.len()])));
+    out.push(("seed not advanced", boxed.caught(&same)));
     let of_length = |only: &OnlyStrategy| strategies.iter().filter(|o| o.s + o.t == only.s + only.t).count();
     if method != Method::Path {
         let dropped = all(&|only, _| if (only.s, only.t) == (2, 2) { 0.0 } else { 1.0 });
@@ -117,25 +129,15 @@ fn run(gpu: &Gpu, method: Method, [even, direct, boxed]: &[Case; 3], run: u32) -
 }
 
 #[test]
-#[ignore = "a quarter of an hour: the table"]
+#[ignore = "minutes: the table"]
 fn planted_errors_are_caught_in_nine_runs_of_ten() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     println!("| method | planted | caught of {RUNS} |\n|---|---|---|");
     let mut failed = Vec::new();
-    for method in [Method::Raster, Method::RayQuery, Method::Path] {
-        let shares = method.shares_subpaths();
-        // Even light shows the smallest change of the whole; in the box every strategy matters.
-        let cases = [
-            Case::new("integrating_sphere", method, if shares { 256 } else { 64 }, 2),
-            Case::new("cornell_point", method, 16, 0),
-            Case::new("cornell_point", method, if shares { 128 } else { 64 }, 1),
-        ];
-        let runs: Vec<_> = (0..RUNS).map(|n| run(gpu, method, &cases, n)).collect();
-        for i in 0..runs[0].len() {
-            let name = runs[0][i].0;
-            let caught = runs.iter().filter(|r| r[i].1).count() as u32;
+    for method in [Method::RayQuery, Method::Path, Method::Raster] {
+        for (name, caught) in caught(gpu, method) {
             println!("| {method} | {name} | {caught} |");
-            let good = if name.starts_with("nothing") { caught == 0 } else { 10 * caught >= 9 * RUNS };
+            let good = if name.starts_with("nothing") { caught == 0 } else { 10 * caught >= 9 * RUNS as usize };
             if !good {
                 failed.push(format!("{method}, {name}: {caught}"));
             }
