@@ -12,14 +12,16 @@ use crate::layouts;
 use crate::lights::{Lights, uniform_sphere};
 use crate::passes::accumulate::Accumulate;
 use crate::passes::connect::Connect;
+use crate::passes::depth_maps::DepthMaps;
 use crate::passes::extend::Extend;
 use crate::passes::eye_vertices::EyeVertices;
 use crate::passes::gbuffer::GBuffer;
 use crate::passes::light_subpath::LightSubpath;
+use crate::passes::rsm::Rsm;
 use crate::passes::view_lists::ViewLists;
 use crate::passes::view_setup::ViewSetup;
 use crate::pixels::PixelBuffers;
-use crate::plan::{Connection, FramePlan};
+use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler};
 use crate::scene::Camera;
 use crate::settings::Settings;
@@ -28,14 +30,16 @@ use crate::view::{ViewBuffers, parallel, perspective};
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
     plan: FramePlan,
-    view_setup: ViewSetup,
-    view_lists: ViewLists,
+    view_setup: Option<ViewSetup>,
+    view_lists: Option<ViewLists>,
+    depth_maps: Option<DepthMaps>,
+    rsm: Option<Rsm>,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
     eye_vertices: EyeVertices,
     connections: Vec<(Connection, wgpu::Buffer)>,
     connects: Vec<((u32, bool), Connect)>,
-    extends: Vec<(bool, Extend)>,
+    extends: Vec<(Extension, Extend)>,
     accumulate: Accumulate,
     /// Around the light vertices, then the bundles.
     views: Vec<ViewBuffers>,
@@ -59,8 +63,11 @@ impl Frame {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let surface = plan.surface_flags.clone();
         let with = |more: &[&'static str]| [surface.as_slice(), more].concat();
-        let visibility: &[&str] = if plan.fast { &["FAST"] } else { &[] };
-        let seen = with(&[plan.light_flags.as_slice(), visibility].concat());
+        let visibility: &[&str] = match (plan.rays, plan.fast) {
+            (true, _) => &["RAY_QUERY"],
+            (false, true) => &["FAST"],
+            (false, false) => &[],
+        };
 
         let connections: Vec<_> = plan
             .connections
@@ -81,32 +88,39 @@ impl Frame {
         let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
         for c in &plan.connections {
             if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                connects.push(((c.s, c.clamped), Connect::new(gpu, &with(visibility), c.s, c.clamped)));
+                let rsm: &[&str] = if c.s == 1 && plan.light_vertices > 1 { &["RSM"] } else { &[] };
+                let flags = with(&[visibility, rsm].concat());
+                connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
             }
         }
-        let mut extends: Vec<(bool, Extend)> = Vec::new();
+        let mut extends: Vec<(Extension, Extend)> = Vec::new();
         for e in &plan.extensions {
-            if !extends.iter().any(|(last, _)| *last == e.last) {
-                extends.push((e.last, Extend::new(gpu, &seen, e.last)));
+            if !extends.iter().any(|(other, _)| other.same_code(e)) {
+                let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
+                extends.push((*e, Extend::new(gpu, &flags, e.last)));
             }
         }
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
         let views: Vec<_> = plan
             .views()
             .iter()
-            .map(|&(resolution, faces)| {
+            .enumerate()
+            .map(|(n, &(resolution, faces))| {
                 let room = plan.room(u64::from(scene.triangles), resolution, faces, limit);
-                ViewBuffers::new(gpu, scene.triangles, resolution, faces, room, plan.node_words())
+                let records = if plan.rays { 0 } else { scene.triangles };
+                ViewBuffers::new(gpu, records, resolution, faces, room, plan.answers(n))
             })
             .collect();
         let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let demands = gpu.storage("demands", (views.len().max(1) * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
-            view_setup: ViewSetup::new(gpu),
-            view_lists: ViewLists::new(gpu, plan.fast, largest),
+            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu)),
+            view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
+            depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
+            rsm: (plan.light_vertices > 1).then(|| Rsm::new(gpu, &with(visibility))),
             light_subpath: (plan.light_vertices > 1).then(|| LightSubpath::new(gpu, &with(visibility))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
-            eye_vertices: EyeVertices::new(gpu, &with(&plan.light_flags)),
+            eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections,
             connects,
             extends,
@@ -138,7 +152,7 @@ impl Frame {
     ) {
         let sampler = Sampler::new(settings.seed, iteration);
         let light = if self.plan.light_vertices > 0 { lights.choose(sampler.get(Decision::Light)) } else { None };
-        let uniform = describe(scene, camera, lights, light.as_ref(), settings, &sampler, iteration, batch_index);
+        let uniform = describe(scene, camera, light.as_ref(), settings, &sampler, iteration, batch_index);
         gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
@@ -150,18 +164,23 @@ impl Frame {
             let look = if light.kind == 2 {
                 parallel(light.direction, scene.bounds, 0.0, None, self.views[0].resolution)
             } else {
-                perspective(light.position)
+                perspective(light.position, scene.sphere().1)
             };
             self.views[0].look(gpu, &look);
             self.fill(gpu, encoder, scene, 0);
+            if let Some(pass) = &self.rsm {
+                pass.record(gpu, encoder, scene, &self.pixels.frame, &self.views[0]);
+            }
             self.light_in_view = Some(light.index);
         }
 
         // y1, y2: VPLs, and everything that each can see (section 4.1).
-        if let (Some(pass), Some(_)) = (&self.light_subpath, light) {
+        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
+        if let (Some(pass), Some(rsm), Some(_)) = (&self.light_subpath, rsm, light) {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
-                pass.record(gpu, encoder, scene, &self.pixels.frame, vertex as u32, from, &self.light_vertices, next);
+                let vertices = &self.light_vertices;
+                pass.record(gpu, encoder, scene, &self.pixels.frame, rsm, vertex as u32, from, vertices, next);
                 self.fill(gpu, encoder, scene, vertex);
             }
         }
@@ -188,10 +207,10 @@ impl Frame {
                     continue;
                 };
                 let view = &self.views[connection.s as usize - 1];
-                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, &self.light_vertices);
+                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, &self.light_vertices, rsm);
             }
             let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
-            let Some((_, pass)) = self.extends.iter().find(|(last, _)| *last == extension.last) else { continue };
+            let Some((_, pass)) = self.extends.iter().find(|(other, _)| other.same_code(extension)) else { continue };
             let bundle = &self.views[light_vertices + j as usize - 1];
             pass.record(gpu, encoder, scene, &self.pixels, bundle);
         }
@@ -206,23 +225,28 @@ impl Frame {
         gpu.queue.submit([commands.finish()]);
     }
 
-    /// Lists of everything in a view: set up once per triangle, then rasterized (DESIGN section 3, "Exact visibility").
+    /// What answers for a view: set up once per triangle, then rasterized (DESIGN section 3, "Exact visibility"). Nothing where ray
+    /// queries answer.
     fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize) {
         let view = &self.views[view];
+        let (Some(setup), Some(lists)) = (&self.view_setup, &self.view_lists) else { return };
         view.reset(encoder, &self.empty_draw);
-        self.view_setup.record(gpu, encoder, scene, view);
-        self.view_lists.record(gpu, encoder, view);
+        setup.record(gpu, encoder, scene, view);
+        match (&view.depth_map, &self.depth_maps) {
+            (Some(map), Some(pass)) => pass.record(gpu, encoder, scene, view, map),
+            _ => lists.record(gpu, encoder, view),
+        }
     }
 
     /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
-        for (view, &[items, nodes]) in self.views.iter_mut().zip(needed) {
+        for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
             if items > view.item_room || nodes > view.node_room {
                 let more = |wanted: u64, room: u64| if wanted > room { wanted + wanted / 2 } else { room };
                 let room = [more(items, view.item_room), more(nodes, view.node_room)];
-                *view =
-                    ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, self.plan.node_words());
+                let answers = self.plan.answers(n);
+                *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, answers);
                 self.light_in_view = None;
             }
         }

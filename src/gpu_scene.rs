@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::{Mat3, Vec2, Vec3};
 
+use crate::acceleration::Acceleration;
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
 use crate::scene::{
@@ -47,6 +48,8 @@ pub struct GpuScene {
     pub bytes: u64,
     /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
     pub positions: wgpu::Buffer,
+    /// Where ray queries answer beside raster passes.
+    pub acceleration: Option<Acceleration>,
     attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
@@ -136,6 +139,7 @@ impl GpuScene {
             environment,
             bytes,
             positions: upload_positions(gpu, &positions),
+            acceleration: None,
             attributes: gpu.upload("attributes", &attributes),
             triangle_buffer: gpu.upload("triangles", &triangles),
             materials: gpu.upload("materials", &materials),
@@ -169,6 +173,7 @@ impl GpuScene {
             ("bilinear", wgpu::BindingResource::Sampler(&self.bilinear)),
             ("environment_map", wgpu::BindingResource::TextureView(&self.environment_map)),
         ];
+        all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
         all.extend_from_slice(own);
         all
     }

@@ -1,10 +1,10 @@
 //! What one iteration shares between its passes (shaders/lib/frame.wesl): camera, light, random numbers.
 
-use glam::{Mat4, Vec3};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use crate::gpu_scene::GpuScene;
 use crate::layouts;
-use crate::lights::{ChosenLight, Lights};
+use crate::lights::ChosenLight;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::{Camera, Projection};
 use crate::settings::Settings;
@@ -14,7 +14,6 @@ use crate::settings::Settings;
 pub fn describe(
     scene: &GpuScene,
     camera: &Camera,
-    lights: &Lights,
     light: Option<&ChosenLight>,
     settings: &Settings,
     sampler: &Sampler,
@@ -23,14 +22,23 @@ pub fn describe(
 ) -> layouts::Frame {
     let size = [settings.width, settings.height];
     let jitter = sampler.get2(Decision::Pixel);
+    let on_lens = lens_point(camera, sampler);
     let mut out = layouts::Frame {
-        clip_from_world: clip_from_world(scene, camera, size, jitter).to_cols_array_2d(),
+        clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
         samples: (iteration + 1) as f32,
         jitter,
+        y1_random: sampler.get2(Decision::Y1),
         y2_random: sampler.get2(Decision::Y2),
         iteration: batch_index,
         ..describe_camera_and_sky(scene, camera, settings)
     };
+    if let Some((shift, focus)) = on_lens {
+        // Seen from the point of the lens, what is in focus stays where it is.
+        let [position, forward] = [out.camera_position, out.camera_forward].map(Vec3::from);
+        let shift = camera.world_from_camera.transform_vector3(shift.extend(0.0));
+        out.camera_position = (position + shift).to_array();
+        out.camera_forward = (forward - shift / focus).to_array();
+    }
     if let Some(light) = light {
         out.light_kind = light.kind;
         out.light_pdf_w = light.pdf;
@@ -39,8 +47,8 @@ pub fn describe(
         out.light_intensity = light.intensity.to_array();
         [out.light_cos_inner, out.light_cos_outer] = light.cosines;
         out.light_falloff = light.falloff;
-        out.sample_direction = lights.sample_direction(light, sampler.get2(Decision::Y1)).to_array();
-        out.sample_pdf = light.pdf;
+        out.light_right = light.direction.any_orthonormal_vector().to_array();
+        out.light_radius = scene.sphere().1;
     }
     out
 }
@@ -71,11 +79,30 @@ pub fn describe_camera_and_sky(scene: &GpuScene, camera: &Camera, settings: &Set
     }
 }
 
+/// The point of a thin lens that all pixels of an iteration look through, in metres across the camera's axis, and the distance of
+/// what is in focus.
+fn lens_point(camera: &Camera, sampler: &Sampler) -> Option<(Vec2, f32)> {
+    let lens = camera.lens.filter(|l| l.radius > 0.0 && matches!(camera.projection, Projection::Perspective { .. }))?;
+    let [u, v] = sampler.get2(Decision::Lens);
+    Some((Vec2::from_angle(std::f32::consts::TAU * v) * (u.sqrt() * lens.radius), lens.focus))
+}
+
 /// Clip space with reversed depth, moved so that pixel centres are the iteration's sample positions.
-fn clip_from_world(scene: &GpuScene, camera: &Camera, size: [u32; 2], jitter: [f32; 2]) -> Mat4 {
+fn clip_from_world(
+    scene: &GpuScene,
+    camera: &Camera,
+    size: [u32; 2],
+    jitter: [f32; 2],
+    on_lens: Option<(Vec2, f32)>,
+) -> Mat4 {
     let half = camera.half_extent(size[0], size[1]);
     let (center, radius) = scene.sphere();
-    let camera_from_world = Mat4::from(camera.world_from_camera.inverse());
+    let mut camera_from_world = Mat4::from(camera.world_from_camera.inverse());
+    if let Some((shift, focus)) = on_lens {
+        // To the point of the lens, then sheared so that what is in focus does not move.
+        let shear = Mat4::from_cols(Vec4::X, Vec4::Y, (-shift / focus).extend(1.0).extend(0.0), Vec4::W);
+        camera_from_world = shear * Mat4::from_translation(-shift.extend(0.0)) * camera_from_world;
+    }
     let clip_from_camera = match camera.projection {
         // Infinite far plane; the near one as close as depth precision does not care about.
         Projection::Perspective { .. } => {

@@ -112,14 +112,17 @@ layouts! {
         light_cos_outer: f32,
         light_intensity: [f32; 3],
         light_falloff: u32,
-        sample_direction: [f32; 3],
-        sample_pdf: f32,
+        light_right: [f32; 3],
+        light_radius: f32,
         environment: [f32; 3],
         environment_rows_at_poles: u32,
         environment_from_world: [[f32; 4]; 3],
+        y1_random: [f32; 2],
         y2_random: [f32; 2],
         beta: f32,
         iteration: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// A strategy's constants.
@@ -219,6 +222,20 @@ layouts! {
         pad0: u32,
         pad1: u32,
         pad2: u32,
+    }
+
+    /// A ray from a light, drawn or asked about.
+    struct LightDraw in "light_draws" {
+        w: [f32; 3],
+        pdf: f32,
+        offset: [f32; 3],
+        asked: u32,
+    }
+
+    /// What the weights of random paths are taken for.
+    struct PathWeights in "path_weights" {
+        allowed: [f32; 3],
+        beta: f32,
     }
 
     /// A vertex of the light subpath; the host only needs its size.

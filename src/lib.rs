@@ -31,16 +31,19 @@
 //! | what | found by | in |
 //! |---|---|---|
 //! | z1, what the pixel sees | rasterizing from the camera | [`passes::gbuffer`], [`passes::eye_vertices`] |
-//! | y1, y2, the VPLs | a direction from the light, then from y1, followed through the map around that vertex | [`passes::light_subpath`] |
+//! | y1, y2, the VPLs | a direction from the light, drawn from its reflective shadow map ([`passes::rsm`]), then from y1, followed through the map around that vertex | [`passes::light_subpath`] |
 //! | z2, z3, ... | the nearest triangle in front of the point in a ray-bundle's list | [`passes::extend`] |
 //! | "do y and z see each other?" | the list of the texel of the map around y | [`passes::connect`] |
-//! | lists of bundles and maps | rasterizing every triangle, dilated, into each view | [`passes::view_setup`], [`passes::view_lists`] |
+//! | lists of bundles and maps | rasterizing every triangle, dilated, into each view | [`passes::view_setup`], [`passes::view_lists`] ([`passes::depth_maps`] in `fast`) |
 //!
 //! Each vertex found is joined with each vertex of the light subpath, light that a bundle runs into is added, and every path
 //! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
 //! [`passes::accumulate`] adds the iteration to the film.
 //!
 //! # With ray queries
+//!
+//! `twin` is the same [`frame`] with no views rasterized: shaders/visibility has the same questions answered by lists and by rays,
+//! so that the difference of two pictures of one seed is visibility error alone.
 //!
 //! [`path_renderer`] follows paths of each pixel on its own where the device has ray queries: path tracing, or bidirectional path
 //! tracing with every strategy. [`passes::light_paths`] traces light subpaths and joins them to the camera,
@@ -59,7 +62,7 @@
 //! - **map**: the same in six perspective faces around a light vertex. Bundles and maps together are **views** ([`view`]).
 //! - **node**: an entry of a list: a triangle and the next node.
 //! - **exact** and **fast** visibility: lists hold every triangle that touches a texel, and the exact ray is intersected with
-//!   them; or triangles that cover its centre, and depths are compared.
+//!   them; or depth maps, and lists of triangles that cover the texel's centre, whose depths are compared.
 //! - **`pdf_w`, `pdf_a`**: density per solid angle, per area; `pdf_a = pdf_w |cos| / d^2`.
 //! - **`a_from_b`**: a transform that takes b to a, such as `world_from_camera`.
 //! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the others: one path,

@@ -1,4 +1,4 @@
-//! Choosing a light and the direction of y1 (section 4.1), on the host: one of each per iteration.
+//! Choosing the iteration's light, on the host.
 
 use std::f32::consts::PI;
 
@@ -15,7 +15,7 @@ pub struct ChosenLight {
     pub kind: u32,
     /// Metres; a directional light has none.
     pub position: Vec3,
-    /// Axis of a spot, direction of travel of a directional light.
+    /// Axis of a spot, direction of travel of a directional light, any of a point.
     pub direction: Vec3,
     /// Intensity (W/sr) or irradiance (W/m^2) over the probability of the choice.
     pub intensity: Vec3,
@@ -23,7 +23,7 @@ pub struct ChosenLight {
     pub cosines: [f32; 2],
     /// 0 squared cosine, 1 linear angle.
     pub falloff: u32,
-    /// Density of y1's direction per steradian, or per square metre across a directional light.
+    /// Uniform density of directions per steradian, or per square metre across a directional light.
     pub pdf: f32,
 }
 
@@ -77,7 +77,7 @@ impl Lights {
             index,
             kind: 0,
             position: Vec3::ZERO,
-            direction: Vec3::ZERO,
+            direction: Vec3::Z,
             intensity: Vec3::ZERO,
             cosines: [1.0, -1.0],
             falloff: 0,
@@ -106,19 +106,6 @@ impl Lights {
                 ..chosen
             },
         })
-    }
-
-    /// Direction of y1 from a chosen light, uniform over its sphere or cone; for a directional light, the point of the disc
-    /// across the scene's sphere that the ray passes through, relative to the scene's middle.
-    #[must_use]
-    pub fn sample_direction(&self, light: &ChosenLight, [u, v]: [f32; 2]) -> Vec3 {
-        let angle = 2.0 * PI * v;
-        if light.kind == 2 {
-            let (right, up) = light.direction.any_orthonormal_pair();
-            return (right * angle.cos() + up * angle.sin()) * (u.sqrt() * self.radius);
-        }
-        let (axis, lowest) = if light.kind == 1 { (light.direction, light.cosines[1]) } else { (Vec3::Z, -1.0) };
-        around(axis, 1.0 - u * (1.0 - lowest), angle)
     }
 }
 

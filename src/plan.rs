@@ -5,7 +5,8 @@ use std::fmt;
 use crate::gpu::Capabilities;
 use crate::layouts;
 use crate::scene::SceneStats;
-use crate::settings::{Settings, Strategies, Visibility};
+use crate::settings::{Method, Settings, Strategies, Visibility};
+use crate::view::Answers;
 
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
@@ -41,6 +42,16 @@ pub struct Extension {
     pub j: u32,
     /// Whether only light that it meets counts, and no vertex is made.
     pub last: bool,
+    /// Whether light that it meets counts.
+    pub meets: bool,
+}
+
+impl Extension {
+    /// Whether one pipeline does for both.
+    #[must_use]
+    pub fn same_code(&self, other: &Self) -> bool {
+        (self.last, self.meets) == (other.last, other.meets)
+    }
 }
 
 /// A pure value: the iteration's passes, shader flags, sizes and bytes.
@@ -64,8 +75,12 @@ pub struct FramePlan {
     pub light_resolution: u32,
     /// Texels along a side of a face around a VPL.
     pub vpl_resolution: u32,
+    /// Whether light that the camera sees counts.
+    pub camera_meets: bool,
     /// Whether lists are centre-sampled and depths compared.
     pub fast: bool,
+    /// Whether ray queries answer instead of lists and maps.
+    pub rays: bool,
     /// Room for nodes at the start, as a multiple of the usual guess.
     pub list_room: f32,
     /// Bytes of buffers and textures beside the scene, at the start.
@@ -77,6 +92,9 @@ impl FramePlan {
     #[must_use]
     pub fn new(stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
         let bounces = settings.bounces;
+        // Whether a strategy counts, where only one does.
+        let counts = |s, t| settings.only.is_none_or(|only| (only.s, only.t) == (s, t));
+        let unweighted = settings.only.is_some_and(|only| !only.weighted);
         let paper = settings.strategies == Strategies::Paper;
         let light_vertices = match (stats.lights, settings.strategies) {
             (0, _) => 0,
@@ -97,19 +115,27 @@ impl FramePlan {
                     }
             })
         };
-        let connections: Vec<_> = (1..=bounces + 1)
-            .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
-            .filter(|(j, s)| s + j - 2 <= bounces)
-            .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
-            .filter(|c| c.allowed[c.s as usize - 1])
-            .collect();
-        let meets = stats.environment || stats.emissive_triangles > 0;
+        let connections: Vec<_> =
+            (1..=bounces + 1)
+                .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
+                .filter(|(j, s)| s + j - 2 <= bounces)
+                .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
+                .filter(|c| c.allowed[c.s as usize - 1] && counts(c.s, c.j + 1))
+                .map(|c| {
+                    if unweighted {
+                        Connection { allowed: std::array::from_fn(|i| i as u32 + 1 == c.s), ..c }
+                    } else {
+                        c
+                    }
+                })
+                .collect();
+        let shines = stats.environment || stats.emissive_triangles > 0;
+        let meets = |j: u32| shines && counts(0, j + 2);
         // z_(j+1) is needed where something joins it or light can be met beyond.
         let deepest = connections.iter().map(|c| c.j).max().unwrap_or(1);
-        let extensions: Vec<_> = (1..=bounces + u32::from(meets))
-            .map(|j| Extension { j, last: j == bounces + 1 })
-            .filter(|e| meets || e.j < deepest)
-            .collect();
+        let farthest = (1..=bounces + 1).rev().find(|&j| meets(j)).unwrap_or(0).max(deepest - 1);
+        let extensions: Vec<_> =
+            (1..=farthest).map(|j| Extension { j, last: j == bounces + 1, meets: meets(j) }).collect();
 
         let mut surface_flags = Vec::new();
         let mut flag = |name, on: bool| {
@@ -142,6 +168,7 @@ impl FramePlan {
         let vpl_resolution = settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0));
         let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, 512, 1.5));
 
+        let rays = settings.method == Method::Twin;
         let fast = settings.visibility == Visibility::Fast;
         let mut plan = Self {
             passes: Vec::new(),
@@ -150,10 +177,12 @@ impl FramePlan {
             light_vertices,
             connections,
             extensions,
+            camera_meets: meets(0),
             bundle_resolution,
             light_resolution,
             vpl_resolution,
             fast,
+            rays,
             list_room: settings.list_room,
             bytes: 0,
         };
@@ -176,10 +205,12 @@ impl FramePlan {
     /// Draw items and nodes that a view starts with room for; both grow where a frame needs more.
     #[must_use]
     pub fn room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> [u64; 2] {
+        if self.rays {
+            return [0, 0];
+        }
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
-        let words = if self.fast { 3 } else { 2 };
         let guess = ((texels * 3 + triangles * 4) as f64 * f64::from(self.list_room)) as u64;
-        let nodes = guess.max(1).min((limit / 4 - texels) / words);
+        let nodes = guess.max(1).min((limit / 4 - texels) / self.node_words());
         [(triangles * 2 + 1024).min(limit / 16), nodes]
     }
 
@@ -187,6 +218,24 @@ impl FramePlan {
     #[must_use]
     pub fn node_words(&self) -> u64 {
         if self.fast { 3 } else { 2 }
+    }
+
+    /// Whether light vertices have depth maps instead of lists.
+    #[must_use]
+    pub fn has_depth_maps(&self) -> bool {
+        self.fast && self.light_vertices > 0
+    }
+
+    /// What answers for the n-th view.
+    #[must_use]
+    pub fn answers(&self, n: usize) -> Answers {
+        if self.rays {
+            Answers::Rays
+        } else if self.has_depth_maps() && n < self.light_vertices as usize {
+            Answers::DepthMap
+        } else {
+            Answers::Lists { node_words: self.node_words() }
+        }
     }
 
     /// Whether shaders have code for lobes beside the diffuse one.
@@ -202,10 +251,16 @@ impl FramePlan {
         let views: u64 = self
             .views()
             .iter()
-            .map(|&(resolution, faces)| {
+            .enumerate()
+            .map(|(n, &(resolution, faces))| {
                 let [items, nodes] = self.room(triangles, resolution, faces, capabilities.max_binding_bytes);
                 let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
-                triangles * 48 + items * 16 + 4 * (texels + nodes * self.node_words())
+                let answers = match self.answers(n) {
+                    Answers::Lists { node_words } => 4 * (texels + nodes * node_words),
+                    Answers::DepthMap => 8 * texels,
+                    Answers::Rays => return 0,
+                };
+                triangles * 48 + items * 16 + answers
             })
             .sum();
         pixels * per_pixel + views
@@ -214,17 +269,44 @@ impl FramePlan {
     fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
         let mut out = Vec::new();
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
-        let views = self.views().len() as u32;
+        let views = if self.rays { 0 } else { self.views().len() as u32 };
+        let maps = if self.has_depth_maps() { self.light_vertices } else { 0 };
         let lights = stats.lights;
         pass(
             "view_setup",
             views,
-            format!("once per view: {} around light vertices, {} bundles", self.light_vertices, self.extensions.len()),
+            if self.rays {
+                "ray queries answer".to_owned()
+            } else {
+                let bundles = self.extensions.len();
+                format!("once per view: {} around light vertices, {bundles} bundles", self.light_vertices)
+            },
         );
         pass(
             "view_lists",
-            views,
-            "rasterizes each view; the light's own is kept while the light stays the same".to_owned(),
+            views - maps,
+            match (self.rays, maps) {
+                (true, _) => "ray queries answer",
+                (_, 0) => "each view; the light's own is kept while the light stays the same",
+                _ => "the bundles",
+            }
+            .to_owned(),
+        );
+        pass(
+            "depth_maps",
+            maps,
+            if self.fast {
+                "around light vertices; the light's own is kept while it stays the same"
+            } else {
+                "only `fast` has them"
+            }
+            .to_owned(),
+        );
+        pass(
+            "rsm",
+            u32::from(self.light_vertices > 1),
+            if self.light_vertices > 1 { "once per light: where it is worth sending VPLs" } else { "no VPLs" }
+                .to_owned(),
         );
         pass(
             "light_subpath",
@@ -291,8 +373,10 @@ impl fmt::Display for FramePlan {
             self.bundle_resolution,
             self.light_resolution,
             self.vpl_resolution,
-            if self.fast {
-                "centre-sampled with depths (fast)"
+            if self.rays {
+                "answered by ray queries, whatever their resolution"
+            } else if self.fast {
+                "depth maps and centre-sampled lists (fast)"
             } else {
                 "conservative with exact intersection (exact)"
             }

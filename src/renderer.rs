@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::acceleration::Acceleration;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -10,6 +11,7 @@ use crate::lights::Lights;
 use crate::plan::FramePlan;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::Settings;
+use crate::view::Answers;
 
 /// Iterations between looks at the log.
 const BATCH: u32 = 8;
@@ -98,7 +100,13 @@ impl<'gpu> Renderer<'gpu> {
                 "a view of {largest} texels a side does not fit this device, whose limit is {side}"
             )));
         }
-        let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        if plan.rays {
+            if !gpu.capabilities.ray_queries {
+                return Err(GpuError::Device("it was opened without ray queries".to_owned()).into());
+            }
+            gpu_scene.acceleration = Some(Acceleration::new(gpu, &gpu_scene, scene, &geometry));
+        }
         let (center, radius) = gpu_scene.sphere();
         let lights = Lights::new(&scene.lights, center, radius);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings);
@@ -151,11 +159,11 @@ impl<'gpu> Renderer<'gpu> {
                 return Ok(());
             }
             let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
-            let words = self.plan.node_words();
-            for (&[_, nodes], &(resolution, faces)) in needed.iter().zip(&self.plan.views()) {
+            for (n, (&[_, nodes], &(resolution, faces))) in needed.iter().zip(&self.plan.views()).enumerate() {
+                let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
                 let bytes = 4
                     * (u64::from(resolution).pow(2) * u64::from(faces)
-                        + words * (u64::from(nodes) + u64::from(nodes) / 2));
+                        + node_words * (u64::from(nodes) + u64::from(nodes) / 2));
                 if bytes > limit {
                     return Err(RenderError::Setting(format!(
                         "a view of {resolution}^2 texels needs {nodes} list nodes, more than this device can bind; choose a smaller \

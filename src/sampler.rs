@@ -19,6 +19,8 @@ pub enum Decision {
     Pixel,
     /// Which light (1).
     Light,
+    /// Point of the lens (2).
+    Lens,
     /// Turn of the n-th bundle's grid (1).
     Turn(u32),
     /// Shift of the n-th bundle's grid (2).
@@ -34,6 +36,7 @@ impl Decision {
             Self::Bundle(1) => 6,
             Self::Pixel => 8,
             Self::Light => 10,
+            Self::Lens => 148,
             // Further bundles take blocks of their own.
             Self::Bundle(n) => 12 + 2 * (n - 2),
             Self::Turn(n) => 150 + 3 * n,

@@ -39,6 +39,8 @@ pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 pub enum Method {
     /// Bidirectional path tracing by rasterization alone.
     Raster,
+    /// The same estimator and random numbers as `raster`, with ray queries for visibility.
+    Twin,
     /// Bidirectional path tracing with ray queries: all strategies, light tracing included.
     RayQuery,
     /// Path tracing from the camera with ray queries.
@@ -51,7 +53,25 @@ impl Method {
     /// Whether it needs a device with ray queries.
     #[must_use]
     pub fn traces_rays(self) -> bool {
-        matches!(self, Self::RayQuery | Self::Path)
+        matches!(self, Self::Twin | Self::RayQuery | Self::Path)
+    }
+
+    /// Whether it can make paths of s light vertices and t eye vertices: `path` joins lights alone, `raster` and `twin` up to the
+    /// second VPL and nothing to the camera, the reference does not tell.
+    #[must_use]
+    pub fn has_strategy(self, s: u32, t: u32) -> bool {
+        match self {
+            Self::Raster | Self::Twin => s <= 3 && t > 1,
+            Self::RayQuery => t > 0,
+            Self::Path => s <= 1 && t > 1,
+            Self::Reference => false,
+        }
+    }
+
+    /// Whether it is the raster estimator: light and directions that all pixels share, and surfaces that can be joined.
+    #[must_use]
+    pub fn shares_subpaths(self) -> bool {
+        matches!(self, Self::Raster | Self::Twin)
     }
 }
 
@@ -138,7 +158,7 @@ pub struct Settings {
     /// Rows of the image.
     #[arg(skip = Self::default().height)]
     pub height: u32,
-    /// Iterations (raster) or paths per pixel (all others)
+    /// Iterations (raster, twin) or paths per pixel (all others)
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples)]
     pub samples: u32,
     /// As many samples as this time allows, instead of a number; counted from the first sample on
@@ -158,7 +178,7 @@ pub struct Settings {
     #[arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = RASTER)]
     pub strategies: Strategies,
     /// Exponent of the MIS heuristic, 0.25 to 4: 1 is the balance heuristic (section 4.2), 2 the power heuristic
-    /// [default: 1 for raster, 2 for ray-query and path]
+    /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
     /// The one strategy that counts, for images per strategy.
@@ -278,7 +298,7 @@ impl Settings {
             }
         }
         if self.method != Method::Raster {
-            self.check_no_raster()?;
+            self.check_foreign()?;
         }
         Ok(())
     }
@@ -286,7 +306,7 @@ impl Settings {
     /// Exponent of the MIS heuristic.
     #[must_use]
     pub fn beta(&self) -> f32 {
-        self.beta.unwrap_or(if self.method == Method::Raster { 1.0 } else { 2.0 })
+        self.beta.unwrap_or(if self.method.shares_subpaths() { 1.0 } else { 2.0 })
     }
 
     fn resolutions(&self) -> [(&'static str, Option<u32>); 3] {
@@ -297,20 +317,25 @@ impl Settings {
         ]
     }
 
-    /// What belongs to `raster` has to stay at its default: ignoring it in silence would mislead.
-    fn check_no_raster(&self) -> Result<(), OutOfRange> {
+    /// What belongs to other methods has to stay at its default: ignoring it in silence would mislead.
+    fn check_foreign(&self) -> Result<(), OutOfRange> {
         let default = Self::default();
+        let shares = self.method.shares_subpaths();
+        let judge = self.method == Method::Reference;
+        let visibility = (self.visibility != default.visibility).then(|| self.visibility.to_string());
+        let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
+        let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
+        let room = (self.list_room != default.list_room).then(|| self.list_room.to_string());
         let changed = [
-            ("--visibility", (self.visibility != default.visibility).then(|| self.visibility.to_string())),
-            ("--strategies", (self.strategies != default.strategies).then(|| self.strategies.to_string())),
-            ("--beta", self.beta.filter(|_| self.method == Method::Reference).map(|b| b.to_string())),
-            ("--list-room", (self.list_room != default.list_room).then(|| self.list_room.to_string())),
-            ("--paper-clamp", (self.paper_clamp != default.paper_clamp).then(|| self.paper_clamp.to_string())),
+            ("--visibility", visibility, "raster"),
+            ("--list-room", room, "raster"),
+            ("--strategies", strategies, "raster and twin"),
+            ("--paper-clamp", clamp, "raster and twin"),
+            ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
         ];
-        let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string())));
-        match changed.into_iter().chain(resolutions).find_map(|(option, value)| Some((option, value?))) {
-            Some((option, value)) => {
-                let whose = if option == "--beta" { "raster, ray-query and path" } else { "raster" };
+        let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string()), "raster"));
+        match changed.into_iter().chain(resolutions).find_map(|(option, value, whose)| Some((option, value?, whose))) {
+            Some((option, value, whose)) => {
                 Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.method) })
             }
             None => Ok(()),
@@ -350,6 +375,7 @@ mod tests {
             Settings { bundle_resolution: Some(16), vpl_resolution: Some(2048), ..base.clone() },
             Settings { budget: Some(0.5), beta: Some(2.0), ..base.clone() },
             Settings { method: Method::RayQuery, beta: Some(1.0), ..base.clone() },
+            Settings { method: Method::Twin, strategies: Strategies::Paper, paper_clamp: 0.1, ..base.clone() },
             Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
@@ -378,6 +404,8 @@ mod tests {
             ("--focus", Settings { focus: Some(0.0), ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
+            ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),
+            ("--vpl-resolution", Settings { method: Method::Twin, vpl_resolution: Some(64), ..reference.clone() }),
             ("--visibility", Settings { visibility: Visibility::Fast, ..reference.clone() }),
             ("--strategies", Settings { method: Method::RayQuery, strategies: Strategies::Vpl, ..reference.clone() }),
             ("--light-resolution", Settings { method: Method::Path, light_resolution: Some(64), ..reference.clone() }),

@@ -7,6 +7,56 @@ use glam::Vec3;
 use crate::gpu::Gpu;
 use crate::layouts;
 
+/// What answers for a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answers {
+    /// Lists with nodes of this many words.
+    Lists {
+        /// Words of a node.
+        node_words: u64,
+    },
+    /// A depth map.
+    DepthMap,
+    /// Ray queries: nothing is kept beside the place and direction.
+    Rays,
+}
+
+/// The nearest triangle of each texel and its depth (shaders/lib/depth_map.wesl).
+pub struct DepthMap {
+    /// Triangle; all ones bits where there is none.
+    pub triangles: wgpu::TextureView,
+    /// Depth, as `stored_depth` has it.
+    pub depths: wgpu::TextureView,
+}
+
+impl DepthMap {
+    /// Format of the triangles.
+    pub const TRIANGLES: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+    /// Format of the depths.
+    pub const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+    fn new(gpu: &Gpu, [width, height]: [u32; 2]) -> Self {
+        let target = |label, format| {
+            gpu.device
+                .create_texture(&wgpu::TextureDescriptor {
+                    label: Some(label),
+                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: wgpu::TextureDimension::D2,
+                    format,
+                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+                    view_formats: &[],
+                })
+                .create_view(&Default::default())
+        };
+        Self {
+            triangles: target("depth map triangles", Self::TRIANGLES),
+            depths: target("depth map depths", Self::DEPTHS),
+        }
+    }
+}
+
 /// Buffers of one view. The passes fill them; [`ViewBuffers::reset`] empties them.
 pub struct ViewBuffers {
     /// Texels along a side of a face.
@@ -27,10 +77,12 @@ pub struct ViewBuffers {
     pub draw: wgpu::Buffer,
     /// What to draw.
     pub items: wgpu::Buffer,
-    /// Heads, then nodes.
+    /// Heads, then nodes; nothing where there is a depth map.
     pub lists: wgpu::Buffer,
     /// Nodes that were asked for.
     pub node_count: wgpu::Buffer,
+    /// Instead of lists.
+    pub depth_map: Option<DepthMap>,
 }
 
 impl ViewBuffers {
@@ -42,9 +94,14 @@ impl ViewBuffers {
         resolution: u32,
         faces: u32,
         [item_room, node_room]: [u64; 2],
-        node_words: u64,
+        answers: Answers,
     ) -> Self {
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+        let (list_words, depth_map) = match answers {
+            Answers::Lists { node_words } => (texels + node_words * node_room, None),
+            Answers::DepthMap => (0, Some(DepthMap::new(gpu, atlas(resolution, faces)))),
+            Answers::Rays => (0, None),
+        };
         let out = Self {
             resolution,
             faces,
@@ -55,8 +112,9 @@ impl ViewBuffers {
             records: gpu.storage("records", u64::from(triangles) * 48),
             draw: gpu.storage("draw", 16),
             items: gpu.storage("items", item_room * 16),
-            lists: gpu.storage("lists", 4 * (texels + node_words * node_room)),
+            lists: gpu.storage("lists", 4 * list_words),
             node_count: gpu.storage("node_count", 16),
+            depth_map,
         };
         out.look(gpu, &layouts::View { kind: layouts::View::EMPTY, exclude: u32::MAX, ..Default::default() });
         out
@@ -78,12 +136,14 @@ impl ViewBuffers {
     /// Pixels of the atlas that holds the faces.
     #[must_use]
     pub fn atlas(&self) -> [u32; 2] {
-        if self.looks_at.get() == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
+        atlas(self.resolution, self.looks_at.get())
     }
 
     /// Records that the lists and the draw start empty.
     pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, empty_draw: &wgpu::Buffer) {
-        encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels()));
+        if self.depth_map.is_none() {
+            encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels()));
+        }
         encoder.clear_buffer(&self.node_count, 0, None);
         encoder.copy_buffer_to_buffer(empty_draw, 0, &self.draw, 0, 16);
     }
@@ -94,26 +154,38 @@ impl ViewBuffers {
         [&self.view, &self.records, &self.draw, &self.items, &self.lists, &self.node_count]
             .iter()
             .map(|b| b.size())
-            .sum()
+            .sum::<u64>()
+            + if self.depth_map.is_some() { 8 * self.texels() } else { 0 }
     }
 
     /// The bindings of group 2 (shaders/visibility/raster.wesl).
     #[must_use]
-    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 3] {
-        [
+    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
+        let mut out = vec![
             ("view", self.view.as_entire_binding()),
             ("lists", self.lists.as_entire_binding()),
             ("records", self.records.as_entire_binding()),
-        ]
+        ];
+        if let Some(map) = &self.depth_map {
+            out.push(("map_triangles", wgpu::BindingResource::TextureView(&map.triangles)));
+            out.push(("map_depths", wgpu::BindingResource::TextureView(&map.depths)));
+        }
+        out
     }
 }
 
-/// All directions from a point.
+/// Pixels of an atlas: faces of a cube lie in three columns and two rows.
+fn atlas(resolution: u32, faces: u32) -> [u32; 2] {
+    if faces == 6 { [3 * resolution, 2 * resolution] } else { [resolution; 2] }
+}
+
+/// All directions from a point of a scene of a given radius.
 #[must_use]
-pub fn perspective(origin: Vec3) -> layouts::View {
+pub fn perspective(origin: Vec3, radius: f32) -> layouts::View {
     layouts::View {
         origin: origin.to_array(),
         kind: layouts::View::PERSPECTIVE,
+        scale: 1.0 / radius,
         exclude: u32::MAX,
         ..Default::default()
     }

@@ -5,7 +5,7 @@ mod common;
 use common::shared;
 use glam::{Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::scene::{Geometry, LoadError, Scene, builtin, mitsuba};
+use lightsheaf::scene::{Boundary, Bsdf, Geometry, LoadError, Scene, builtin, mitsuba};
 
 /// World-space corners of every triangle with normals and material name, starting at the smallest corner, sorted.
 fn triangles(scene: &Scene) -> Vec<(String, [[f32; 6]; 3])> {
@@ -97,7 +97,7 @@ fn reference_scenes_equal_their_files() {
 
 #[test]
 fn every_scene_is_sound() {
-    assert!(builtin::names().count() >= 14);
+    assert!(builtin::names().count() >= 17);
     for (name, about) in builtin::names() {
         let scene = builtin::load(name).expect("a built-in scene");
         assert_eq!(scene.name, format!("builtin:{name}"));
@@ -172,6 +172,71 @@ fn the_displaced_room_is_rough_and_its_light_is_inside() {
         (p[1] - p[0]).cross(p[2] - p[0]).normalize().y < 0.95
     });
     assert!(steep.count() > 1000, "the floor's triangles lean");
+}
+
+/// World-space corners of the triangles of one material.
+fn corners(scene: &Scene, material: &str) -> Vec<[Vec3; 3]> {
+    let geometry = Geometry::new(scene);
+    let of = |&t: &usize| scene.materials[geometry.materials[t] as usize].name == material;
+    (0..geometry.triangles.len()).filter(of).map(|t| geometry.positions(t)).collect()
+}
+
+#[test]
+fn water_lies_still_enough_and_the_lamp_shines_past_the_wall() {
+    let scene = builtin::load("cornell_water").expect("a built-in scene");
+    let material = scene.materials.iter().find(|m| m.name == "water").expect("water");
+    assert!(matches!(material.bsdf, Bsdf::Dielectric { eta: 1.33, .. }));
+    assert!(matches!(material.boundary, Boundary::Volume { absorption } if absorption.x > absorption.z));
+    let water = corners(&scene, "water");
+    assert!(water.len() > 10_000);
+    for [a, b, c] in &water {
+        // Fronts up: air is in front, water behind. No wave rises above the rim.
+        assert!((b - a).cross(c - a).normalize().y > 0.95 && a.y < 0.315, "{a} {b} {c}");
+    }
+    // The lamp faces the water; nothing of the back wall that is above the water lies before it.
+    let lamp = corners(&scene, "light");
+    let [a, b, c] = lamp[0];
+    let normal = (b - a).cross(c - a).normalize();
+    let before = |p: Vec3| normal.dot(p - a) > 1e-3;
+    assert!(normal.y < -0.9 && before(Vec3::new(0.0, 0.3, 0.5)));
+    for y in [0.32, 1.0, 2.0] {
+        for x in [-1.0, 0.0, 1.0] {
+            assert!(!before(Vec3::new(x, y, -1.019)), "{x} {y}");
+        }
+    }
+}
+
+#[test]
+fn glass_is_left_out_where_no_method_follows_it() {
+    let scene = builtin::load("cornell_spheres").expect("a built-in scene");
+    let count = |scene: &Scene, material: &str| corners(scene, material).len();
+    assert_eq!((count(&scene, "glass"), count(&scene, "mirror")), (20_480, 20_480));
+    let rest = scene.clone().without_glass();
+    assert_eq!((count(&rest, "glass"), count(&rest, "mirror")), (0, 20_480));
+    assert_eq!(rest.warnings.len(), 1);
+    for part in ["`glass`", "--method ray-query", "reference"] {
+        assert!(rest.warnings[0].contains(part), "{:?}", rest.warnings);
+    }
+    // glTF's transmission becomes opaque; what is not shown is not named.
+    let mut scene = builtin::load("cornell_point").expect("a built-in scene");
+    let mut pane = scene.materials[0].clone();
+    pane.name = "pane".to_owned();
+    pane.bsdf = Bsdf::MetallicRoughness {
+        base_color: Vec3::ONE.into(),
+        metallic: 0.0.into(),
+        roughness: 0.1.into(),
+        ior: 1.5,
+        specular: 1.0.into(),
+        specular_color: Vec3::ONE.into(),
+        transmission: 1.0.into(),
+    };
+    scene.materials.push(pane);
+    assert!(scene.clone().without_glass().warnings.is_empty());
+    scene.meshes[0].material = scene.materials.len() - 1;
+    let opaque = scene.clone().without_glass();
+    assert!(opaque.warnings.len() == 1 && opaque.warnings[0].contains("opaque: `pane`"), "{:?}", opaque.warnings);
+    assert!(opaque.materials.iter().all(|m| !m.bsdf.transmits()));
+    assert_eq!(opaque.instances.len(), scene.instances.len());
 }
 
 /// The reference finds the derived answers, pixel by pixel and in the mean.

@@ -176,7 +176,7 @@ fn bad_values_are_named() {
     bad(&["--bounces", "65"], "--bounces 65: has to be 0 to 64");
     bad(&["--bounces", "unlimited"], "raster needs a number");
     bad(&["--bounces", "many"], "neither a whole number nor `unlimited`");
-    bad(&["--method", "guess"], "raster, ray-query, path, reference");
+    bad(&["--method", "guess"], "raster, twin, ray-query, path, reference");
     bad(&["--bundle-resolution", "8"], "--bundle-resolution 8: has to be 16 to 2048");
     bad(&["--light-resolution", "4096"], "--light-resolution 4096");
     bad(&["--vpl-resolution", "1"], "--vpl-resolution 1");
@@ -186,6 +186,9 @@ fn bad_values_are_named() {
     bad(&["--eye", "1,2", "--target", "0,0,0"], "three numbers");
     bad(&["--eye", "1,2,3", "--target", "1,2,3"], "distance");
     bad(&["--fov", "180"], "--fov 180");
+    bad(&["--aperture", "-1"], "--aperture -1");
+    bad(&["--focus", "2"], "--focus: the camera is a pinhole");
+    bad(&["--aperture", "0.1"], "--aperture: the camera is a pinhole");
     bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
     bad(&["--method", "ray-query", "--vpl-resolution", "64"], "is an option of raster, not of ray-query");
     bad(&["--method", "reference", "--beta", "2"], "is an option of raster, ray-query and path");
@@ -362,6 +365,9 @@ fn reference_renders_without_a_gpu() {
     let moved = ["--eye", "-0.1,1,3", "--target=0,1,0", "--fov", "30"];
     assert!(first != rendered(&same, &[&reference[..], &moved].concat()));
     assert!(first == rendered(&same, &[&reference[..], &["--camera", "camera"]].concat()));
+    // A lens blurs; one without extent does not.
+    assert!(first != rendered(&same, &[&reference[..], &["--aperture", "0.1", "--focus", "3"]].concat()));
+    assert!(first == rendered(&same, &[&reference[..], &["--aperture", "0"]].concat()));
 }
 
 #[test]

@@ -66,6 +66,25 @@ fn real_scenes_load_with_their_triangles() {
 }
 
 #[test]
+fn real_glass_is_there_and_can_be_left_out() {
+    let Some(shared) = shared() else { return };
+    for (name, kinds) in [("cbox-spheres/scene.xml", 2), ("living-room/scene.xml", 1)] {
+        let scene = mitsuba::load(&shared.join("scenes/mitsuba").join(name)).unwrap_or_else(|e| panic!("{e}"));
+        let glass = |scene: &Scene| {
+            let of = |i: &&lightsheaf::scene::Instance| {
+                matches!(scene.materials[scene.meshes[i.mesh].material].bsdf, Bsdf::Dielectric { .. })
+            };
+            scene.instances.iter().filter(of).count()
+        };
+        assert!(glass(&scene) >= kinds, "{name}: {}", glass(&scene));
+        assert!(scene.warnings.iter().all(|w| !w.contains("glass")), "{name}: {:?}", scene.warnings);
+        let rest = scene.clone().without_glass();
+        assert_eq!(rest.instances.len(), scene.instances.len() - glass(&scene), "{name}");
+        assert_eq!(rest.warnings.iter().filter(|w| w.contains("glass")).count(), 1, "{name}: {:?}", rest.warnings);
+    }
+}
+
+#[test]
 fn environment_maps_load() {
     let Some(shared) = shared() else { return };
     let load = |name: &str| lightsheaf::scene::EnvironmentMap::load(&shared.join("scenes/env").join(name));

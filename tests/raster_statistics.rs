@@ -10,13 +10,15 @@ use std::f32::consts::PI;
 use std::sync::OnceLock;
 
 use common::scenes::{add, inverted, pinhole, quad, sphere};
-use common::statistics::{Look, Verdict, check_distribution, compare};
-use common::{gpu, raster, reference};
+use common::statistics::{Look, Verdict, check_distribution, compare, compare_pixels};
+use common::{gpu, gpu_with_ray_queries, raster, reference};
 use glam::{Mat3, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
+use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::renderer::Progressive as _;
 use lightsheaf::scene::{Bsdf, Emission, Environment, Light, Material, Scene, SpotFalloff, builtin};
-use lightsheaf::settings::{Settings, Strategies};
+use lightsheaf::settings::{Method, Settings, Strategies};
 
 /// Pictures of `raster` in a comparison.
 const SEEDS: u32 = 12;
@@ -296,4 +298,51 @@ fn the_roughness_clamp_vanishes() {
     // A lobe of width alpha is let alone from about 16 / alpha^2 samples on: 1,600 for the block.
     assert!(many_bias < 0.7 * few_bias, "{few_bias} with 8 samples, {many_bias} with 128");
     assert!(many_mean.abs() < few_mean.abs() && many_mean.abs() < 0.03, "{few_mean}, then {many_mean}");
+}
+
+/// Every pixel of diffuse scenes, pictures of different seeds being independent:
+///
+///     cargo test --test raster_statistics -- --ignored --nocapture pixels
+///
+/// Paths from the camera hardly ever find the bright spot of corner_spikes, so that its pictures by the reference are dark and say so
+/// too rarely; there ray-query judges, which tests/paths holds against Mitsuba.
+#[test]
+#[ignore = "minutes: the table"]
+fn pixels_agree() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    println!(
+        "| scene | judge | pixels that pass | worst pixel: difference, standard error | mean |\n|---|---|---|---|---|"
+    );
+    for (name, judge) in [
+        ("cornell_point", Method::Reference),
+        ("corner_spikes", Method::RayQuery),
+        ("integrating_sphere", Method::Reference),
+        ("displaced_room:5000", Method::Reference),
+    ] {
+        let scene = builtin::load(name).unwrap();
+        let base = Settings { width: 128, height: 128, samples: 256, ..Settings::default() };
+        let films = pictures(gpu, &scene, &base);
+        let expected: Vec<_> = (1..=10)
+            .map(|seed| match judge {
+                Method::Reference => reference(&scene, &base, 128, 1000 + seed),
+                _ => {
+                    let settings = Settings { method: judge, samples: 128, seed, ..base.clone() };
+                    let mut renderer = PathRenderer::new(gpu, &scene, &settings).unwrap();
+                    renderer.render(128, &mut |_| true).unwrap();
+                    renderer.film().unwrap()
+                }
+            })
+            .collect();
+        let (pixels, image) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Image));
+        let (_, difference, error) = pixels.worst;
+        println!(
+            "| {name} | {judge} | {:.3} % | {:+.2} %, {:.2} % | {:+.3} % +- {:.3} % |",
+            100.0 * pixels.share,
+            100.0 * difference,
+            100.0 * error,
+            100.0 * image.image[0],
+            100.0 * image.image[1],
+        );
+        assert!(pixels.agrees(), "{name}: {pixels:?}");
+    }
 }

@@ -16,6 +16,7 @@ use lightsheaf::gpu::{Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts;
 use lightsheaf::lights::uniform_sphere;
+use lightsheaf::passes::depth_maps::DepthMaps;
 use lightsheaf::passes::queries::Queries;
 use lightsheaf::passes::ray_queries::RayQueries;
 use lightsheaf::passes::view_lists::ViewLists;
@@ -27,7 +28,7 @@ use lightsheaf::scene::{
     Wrap,
 };
 use lightsheaf::settings::{Settings, Visibility};
-use lightsheaf::view::{ViewBuffers, parallel, perspective};
+use lightsheaf::view::{Answers, ViewBuffers, parallel, perspective};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
 /// Share of answers that may differ in exact mode.
@@ -102,9 +103,11 @@ struct World<'a> {
     reference: Reference<'a>,
     plan: FramePlan,
     radius: f32,
-    queries: Queries,
+    /// To views that have lists, and to those with depth maps.
+    queries: [Queries; 2],
     setup: ViewSetup,
     lists: ViewLists,
+    maps: DepthMaps,
     empty_draw: wgpu::Buffer,
 }
 
@@ -125,11 +128,12 @@ impl<'a> World<'a> {
             scene: GpuScene::new(gpu, scene, geometry).unwrap(),
             materials: &scene.materials,
             radius: stats.radius,
-            plan,
-            queries: Queries::new(gpu, &flags),
+            queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],
+            maps: DepthMaps::new(gpu, &plan.surface_flags),
             setup: ViewSetup::new(gpu),
             lists: ViewLists::new(gpu, fast, [1536, 1024]),
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
+            plan,
             reference,
         }
     }
@@ -144,13 +148,19 @@ impl<'a> World<'a> {
         let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
         let mut room = self.plan.room(u64::from(self.scene.triangles), resolution, faces, limit);
         loop {
-            let view =
-                ViewBuffers::new(self.gpu, self.scene.triangles, resolution, faces, room, self.plan.node_words());
+            let answers = match faces {
+                6 if self.plan.fast => Answers::DepthMap,
+                _ => Answers::Lists { node_words: self.plan.node_words() },
+            };
+            let view = ViewBuffers::new(self.gpu, self.scene.triangles, resolution, faces, room, answers);
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
             view.reset(&mut encoder, &self.empty_draw);
             self.setup.record(self.gpu, &mut encoder, &self.scene, &view);
-            self.lists.record(self.gpu, &mut encoder, &view);
+            match &view.depth_map {
+                Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, map),
+                None => self.lists.record(self.gpu, &mut encoder, &view),
+            }
             self.gpu.queue.submit([encoder.finish()]);
             let items = u64::from(read_back::<u32>(self.gpu, &view.draw, 1).unwrap()[0] / 6);
             let nodes = u64::from(read_back::<u32>(self.gpu, &view.node_count, 1).unwrap()[0]);
@@ -167,7 +177,8 @@ impl<'a> World<'a> {
         let asked = self.gpu.upload("questions", questions);
         let answers = self.gpu.storage("answers", count as u64 * 8);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        self.queries.record(self.gpu, &mut encoder, &self.scene, view, count as u32, &asked, &answers);
+        let queries = &self.queries[usize::from(view.depth_map.is_some())];
+        queries.record(self.gpu, &mut encoder, &self.scene, view, count as u32, &asked, &answers);
         self.gpu.queue.submit([encoder.finish()]);
         read_back(self.gpu, &answers, count).unwrap()
     }
@@ -416,12 +427,15 @@ fn origins(world: &World, views: usize, random: &mut Random) -> Vec<(layouts::Vi
                 // The side that most of the scene lies on: the other one of a wall sees nothing.
                 let in_front = (0..64).filter(|_| normal.dot(points.draw(random).position - point.position) > 0.0);
                 let normal = if in_front.count() >= 32 { normal } else { -normal };
-                let view =
-                    layouts::View { exclude: point.triangle, normal: normal.to_array(), ..perspective(point.position) };
+                let view = layouts::View {
+                    exclude: point.triangle,
+                    normal: normal.to_array(),
+                    ..perspective(point.position, world.radius)
+                };
                 (view, point.triangle)
             } else {
                 let at = Vec3::new(random.unit(), random.unit(), random.unit());
-                (perspective(low + (high - low) * at), NONE)
+                (perspective(low + (high - low) * at, world.radius), NONE)
             }
         })
         .collect()
@@ -753,7 +767,8 @@ fn exact_answers_do_not_depend_on_the_resolution() {
     let mut nodes = Vec::new();
     for resolution in [64, 128, 256, 512] {
         let bundle = world.fill(&parallel(forward, world.scene.bounds, 0.4, None, resolution), resolution);
-        let around = world.fill(&layouts::View { exclude: from.triangle, ..perspective(from.position) }, resolution);
+        let around = world
+            .fill(&layouts::View { exclude: from.triangle, ..perspective(from.position, world.radius) }, resolution);
         let along =
             asked.iter().enumerate().map(|(i, p)| query(p.position, p.triangle, i % 2 == 0)).collect::<Vec<_>>();
         let edges = asked.iter().map(|p| query(p.position, p.triangle, false)).collect::<Vec<_>>();

@@ -88,7 +88,7 @@ fn plan(args: &PlanArgs) -> Result<()> {
     let (scene, settings) = args.view.load()?;
     let gpu = if method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
     let stats = SceneStats::new(&scene, &Geometry::new(&scene));
-    if method.traces_rays() {
+    if !method.shares_subpaths() {
         return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities));
     }
     args.print(&FramePlan::new(&stats, &settings, &gpu.capabilities))

@@ -32,7 +32,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     exposure: Option<f32>,
     /// Write what each strategy (s, t) gives, with its weight by MIS (sS_tT.exr; their sum is the image) and without
-    /// (sS_tT_unweighted.exr), into this folder; ray-query and path, with a number of bounces
+    /// (sS_tT_unweighted.exr), into this folder; needs a number of bounces; the reference has none
     #[arg(long, value_name = "DIR")]
     strategy_images: Option<PathBuf>,
     /// Write counts, times, settings and the plan as JSON
@@ -98,7 +98,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     }
     let job = Job { args, exposure, load, scene: &scene, settings: &settings };
     match settings.method {
-        Method::Raster => job.raster(),
+        Method::Raster | Method::Twin => job.raster(),
         Method::RayQuery | Method::Path => job.paths(),
         Method::Reference => job.reference(),
     }
@@ -122,8 +122,8 @@ fn check_outputs(args: &RenderArgs) -> Result<f32> {
 
 /// Makes the folder where there is none.
 fn check_strategy_images(folder: &Path, settings: &Settings) -> Result<()> {
-    if !settings.method.traces_rays() {
-        bail!("--strategy-images: --method {} has none; use ray-query or path", settings.method);
+    if settings.method == Method::Reference {
+        bail!("--strategy-images: the reference has none; use any other method");
     }
     if settings.bounces == UNLIMITED {
         bail!(
@@ -144,7 +144,7 @@ struct Job<'a> {
 impl Job<'_> {
     fn raster(&self) -> Result<()> {
         let began = Instant::now();
-        let gpu = Gpu::new()?;
+        let gpu = if self.settings.method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
         let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let plan = renderer.plan();
@@ -162,7 +162,13 @@ impl Job<'_> {
             plan: Some(serde_json::to_value(plan)?),
             ..stats
         };
-        self.finish(&film, &stats)
+        self.finish(&film, &stats)?;
+        self.strategy_images(&mut |only| {
+            let settings = Settings { only: Some(only), ..self.settings.clone() };
+            let mut renderer = Renderer::new(&gpu, self.scene, &settings)?;
+            renderer.render(stats.samples, &mut |_| true)?;
+            renderer.film()
+        })
     }
 
     fn paths(&self) -> Result<()> {
@@ -179,12 +185,11 @@ impl Job<'_> {
         })
     }
 
-    /// Writes the image of each strategy, of which there are only (0, t) and (1, t) in `path`.
+    /// Writes the image of each strategy that the method has.
     fn strategy_images(&self, render: &mut dyn FnMut(OnlyStrategy) -> Result<Film, RenderError>) -> Result<()> {
         let Some(folder) = &self.args.strategy_images else { return Ok(()) };
-        let most = if self.settings.method == Method::Path { 1 } else { u32::MAX };
         let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
-        let all: Vec<_> = all.filter(|only| only.s <= most && (only.t > 1 || most > 1)).collect();
+        let all: Vec<_> = all.filter(|only| self.settings.method.has_strategy(only.s, only.t)).collect();
         let bar = self.bar(all.len() as u64);
         for only in all {
             bar.set_message(only.name());
@@ -301,7 +306,7 @@ impl Job<'_> {
         }
         let (total, template) = match (self.settings.budget, self.settings.method) {
             (Some(seconds), _) => ((seconds * 1000.0) as u64, "{bar:40} {msg}, {elapsed} of the budget"),
-            (None, Method::Raster | Method::RayQuery | Method::Path) => {
+            (None, Method::Raster | Method::Twin | Method::RayQuery | Method::Path) => {
                 (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
             }
             (None, Method::Reference) => (total, "{bar:40} {percent} % of the pixels, {msg}, {eta} left"),

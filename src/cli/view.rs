@@ -4,7 +4,7 @@ use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
 use lightsheaf::scene::{self, FovAxis, Projection, Scene};
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::settings::Settings;
 
 /// Scene, camera and settings.
 #[derive(clap::Args)]
@@ -42,14 +42,14 @@ impl ViewArgs {
         // Before a large scene is loaded for nothing.
         settings.check()?;
         let mut scene = scene::load(&self.scene)?;
-        if settings.method == Method::Raster {
+        if settings.method.shares_subpaths() {
             scene = scene.without_glass();
-        }
-        for warning in &scene.warnings {
-            eprintln!("warning: {warning}");
         }
         settings.camera = self.pick_camera(&scene)?;
         self.place_camera(&mut scene, settings.camera)?;
+        for warning in &scene.warnings {
+            eprintln!("warning: {warning}");
+        }
         if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
             (settings.width, settings.height) = size;
         }

@@ -36,6 +36,7 @@ impl Connect {
         strategy: &wgpu::Buffer,
         view: &ViewBuffers,
         light_vertices: &wgpu::Buffer,
+        rsm: Option<&wgpu::Buffer>,
     ) {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend(pixels.bindings());
@@ -43,6 +44,7 @@ impl Connect {
             ("strategy", strategy.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
         ]);
+        bindings.extend(rsm.map(|table| ("rsm", table.as_entire_binding())));
         self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }

@@ -31,6 +31,7 @@ impl LightSubpath {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         frame: &wgpu::Buffer,
+        rsm: &wgpu::Buffer,
         vertex: u32,
         from: &ViewBuffers,
         light_vertices: &wgpu::Buffer,
@@ -39,6 +40,7 @@ impl LightSubpath {
         let mut bindings = scene.with(&from.bindings());
         bindings.extend([
             ("frame", frame.as_entire_binding()),
+            ("rsm", rsm.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
             ("next_view", next.view.as_entire_binding()),
         ]);

@@ -3,6 +3,7 @@
 
 pub mod accumulate;
 pub mod connect;
+pub mod depth_maps;
 pub mod extend;
 pub mod eye_paths;
 pub mod eye_vertices;
@@ -12,5 +13,6 @@ pub mod light_subpath;
 pub mod queries;
 pub mod ray_queries;
 pub mod resolve;
+pub mod rsm;
 pub mod view_lists;
 pub mod view_setup;

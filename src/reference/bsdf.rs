@@ -163,8 +163,8 @@ impl Bsdf {
                     f0: (head_on * textures.color(specular_color, uvs)).min(Vec3::ONE) * weight,
                     f90: weight,
                     transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
-                    // glTF's indices below 1 ask for full reflection.
-                    bend: if sheet { 1.0 } else { beyond(ior.max(1.0)) },
+                    // An opaque surface has no inside; glTF's indices below 1 ask for full reflection.
+                    bend: if sheet || !material.bsdf.transmits() { 1.0 } else { beyond(ior.max(1.0)) },
                 }
             }
             scene::Bsdf::Conductor { alpha, fresnel, specular } => Self::Conductor {

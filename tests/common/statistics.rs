@@ -190,3 +190,59 @@ fn pixel_verdict(pixels: impl ExactSizeIterator<Item = ((f64, f64), (f64, f64), 
     }
     PixelVerdict { share: passed as f64 / count as f64, worst: worst.1 }
 }
+
+/// Probability that chi-square with `dof` degrees of freedom is at least x (Numerical Recipes, 6.2).
+pub fn chi_square_tail(x: f64, dof: f64) -> f64 {
+    let (a, x) = (0.5 * dof, 0.5 * x);
+    let log_gamma = |z: f64| {
+        // Stirling's series, after shifting.
+        let shift: f64 = (0..8).map(|i| (z + f64::from(i)).ln()).sum();
+        let z = z + 8.0;
+        (z - 0.5) * z.ln() - z + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * z) - 1.0 / (360.0 * z.powi(3)) - shift
+    };
+    let front = (a * x.ln() - x - log_gamma(a)).exp();
+    if x < a + 1.0 {
+        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
+        while term > sum * 1e-15 {
+            n += 1.0;
+            term *= x / n;
+            sum += term;
+        }
+        return 1.0 - sum * front;
+    }
+    let (mut b, mut c, mut d) = (x + 1.0 - a, 1e300, 1.0 / (x + 1.0 - a));
+    let mut h = d;
+    for i in 1..10_000 {
+        let an = -f64::from(i) * (f64::from(i) - a);
+        b += 2.0;
+        d = 1.0 / (an * d + b);
+        c = b + an / c;
+        h *= d * c;
+        if (d * c - 1.0).abs() < 1e-14 {
+            break;
+        }
+    }
+    front * h
+}
+
+/// Pearson's test of counts against expected counts; bins that expect fewer than 5 are pooled.
+pub fn p_value(counts: &[u64], expected: &[f64]) -> f64 {
+    let (mut statistic, mut dof, mut pool) = (0.0, -1.0, (0.0, 0.0));
+    let mut add = |count: f64, expected: f64| {
+        statistic += (count - expected).powi(2) / expected;
+        dof += 1.0;
+    };
+    for (&count, &expected) in counts.iter().zip(expected) {
+        if expected < 5.0 {
+            pool = (pool.0 + count as f64, pool.1 + expected);
+        } else {
+            add(count as f64, expected);
+        }
+    }
+    if pool.1 >= 5.0 {
+        add(pool.0, pool.1);
+    } else if pool.0 > 5.0 + 10.0 * pool.1 {
+        return 0.0;
+    }
+    chi_square_tail(statistic, dof)
+}

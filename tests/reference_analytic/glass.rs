@@ -218,6 +218,25 @@ fn light_that_starts_in_a_volume_is_absorbed_on_its_way() {
     }
 }
 
+/// An opaque surface has no inside: from behind, where glass would reflect all beyond the critical angle, it does as from the front.
+#[test]
+fn an_opaque_back_is_not_the_inside_of_glass() {
+    let mut material = gltf(0.5, Vec3::new(0.9, 0.6, 0.3), CLEAR);
+    let Bsdf::MetallicRoughness { transmission, .. } = &mut material.bsdf else { unreachable!() };
+    *transmission = 0.0.into();
+    material.sides = Sides::Two;
+    let found = [1.0, -1.0].map(|side| {
+        let along = Vec3::new(0.0, 0.6, -0.8 * side);
+        let mut scene = scene(parallel(-along, along, 1e-3));
+        add(&mut scene, quad(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), material.clone());
+        let direction = Vec3::new(0.0, -0.8, -0.6 * side);
+        scene.lights = vec![Light::Directional { direction, irradiance: Vec3::ONE }];
+        mean(&render(&scene, 2, 4, Some(0)))
+    });
+    assert!(found[0][2] > 0.01);
+    (0..3).for_each(|c| close(found[1][c], found[0][c], 1e-4));
+}
+
 /// Head on, a smooth sheet before a shining wall passes 1 - 2 R / (1 + R) of it if it is a dielectric, and 1 - R times its colour
 /// in glTF's model; from both sides.
 #[test]

@@ -181,6 +181,11 @@ pub(super) fn water() -> Scene {
     scene.cameras = vec![camera([0.0, 1.5, 3.3], [0.0, 0.91, -0.5], 36.0)];
     // Red light is lost first: a third of it over a metre.
     scene.materials.push(clear("water", 1.33, Vec3::new(0.4, 0.07, 0.04)));
+    // Dark, so that the lamp's light in the basin does not outshine what is reflected.
+    scene.materials.push(Material::diffuse("basin", Vec3::new(0.08, 0.1, 0.12)));
+    for mesh in scene.meshes.iter_mut().filter(|m| m.name == "floor") {
+        mesh.material = 4;
+    }
     let rim = [[560.0, -10.0], [560.0, 11.0], [-6.0, 11.0], [-6.0, -10.0]];
     add(&mut scene, "rim", WHITE, block(rim.map(plan), 0.0, WATER + 0.015, true));
     add(&mut scene, "water", 3, waves());
@@ -189,7 +194,7 @@ pub(super) fn water() -> Scene {
     let along = 0.25 * (waterline - middle).normalize();
     let corner = |x: f64, t: f64| (middle + x * DVec3::X + t * along).as_vec3();
     let corners = [corner(-0.4, -1.0), corner(-0.4, 1.0), corner(0.4, 1.0), corner(0.4, -1.0)];
-    light(&mut scene, Vec3::new(1700.0, 1600.0, 1400.0), corners);
+    light(&mut scene, Vec3::new(1300.0, 1200.0, 1000.0), corners);
     ceiling_light(&mut scene, 0.3);
     scene
 }
