@@ -191,9 +191,9 @@ fn bad_values_are_named() {
     bad(&["--aperture", "0.1"], "--aperture: the camera is a pinhole");
     bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
     bad(&["--method", "ray-query", "--vpl-resolution", "64"], "is an option of raster, not of ray-query");
-    bad(&["--method", "reference", "--beta", "2"], "is an option of raster, ray-query and path");
+    bad(&["--method", "reference", "--beta", "2"], "is an option of raster, twin, ray-query and path");
     bad(&["--method", "ray-query", "--bounces", "unlimited"], "ray-query needs a number");
-    bad(&["--strategy-images", "strategies"], "--method raster has none");
+    bad(&["--method", "reference", "--strategy-images", "strategies"], "the reference has none");
     bad(&["--method", "path", "--bounces", "unlimited", "--strategy-images", "strategies"], "give --bounces a number");
     assert!(folder.files().is_empty());
 }
