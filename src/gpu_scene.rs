@@ -48,8 +48,8 @@ pub struct GpuScene {
     pub bytes: u64,
     /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
     pub positions: wgpu::Buffer,
-    /// Where ray queries answer beside raster passes.
-    pub acceleration: Option<Acceleration>,
+    /// Where ray queries answer (see [`Self::accelerate`]).
+    acceleration: Option<Acceleration>,
     attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
@@ -156,7 +156,7 @@ impl GpuScene {
         })
     }
 
-    /// The bindings of group 0, followed by a pass's own.
+    /// The bindings of group 0 and of ray queries, followed by a pass's own.
     #[must_use]
     pub fn with<'a>(
         &'a self,
@@ -176,6 +176,18 @@ impl GpuScene {
         all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
         all.extend_from_slice(own);
         all
+    }
+
+    /// Builds what ray queries need.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] where the device was opened without ray queries.
+    pub fn accelerate(&mut self, gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<(), GpuError> {
+        if !gpu.capabilities.ray_queries {
+            return Err(GpuError::Device("it was opened without ray queries".to_owned()));
+        }
+        self.acceleration = Some(Acceleration::new(gpu, self, scene, geometry));
+        Ok(())
     }
 
     /// Middle of the bounding box and half its diagonal, metres; the latter is positive even for an empty scene.

@@ -5,9 +5,8 @@
 //! camera and stored; eye subpaths are joined to lights and to the vertices stored for their pixel. Pixels come in groups, so that
 //! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
 
-use crate::acceleration::Acceleration;
 use crate::film::Film;
-use crate::gpu::{Gpu, GpuError, read_back};
+use crate::gpu::{Gpu, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera_and_sky;
 use crate::layouts;
@@ -49,7 +48,6 @@ struct Pixels {
 pub struct PathRenderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
-    acceleration: Acceleration,
     settings: Settings,
     constants: layouts::Paths,
     plan: PathPlan,
@@ -70,15 +68,12 @@ impl<'gpu> PathRenderer<'gpu> {
     /// [`RenderError::Gpu`], also where the device was opened without ray queries.
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
-        if !gpu.capabilities.ray_queries {
-            return Err(GpuError::Device("it was opened without ray queries".to_owned()).into());
-        }
         let camera = camera_of(scene, settings)?;
         check_size(gpu, settings)?;
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
-        let gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
-        let acceleration = Acceleration::new(gpu, &gpu_scene, scene, &geometry);
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        gpu_scene.accelerate(gpu, scene, &geometry)?;
         let both_sides = settings.method == Method::RayQuery;
         let (center, radius) = gpu_scene.sphere();
         let table = LightTable::new(scene, &geometry, (center, radius), both_sides);
@@ -127,7 +122,6 @@ impl<'gpu> PathRenderer<'gpu> {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
             scene: gpu_scene,
-            acceleration,
             settings: settings.clone(),
             constants,
             plan,
@@ -149,7 +143,7 @@ impl<'gpu> PathRenderer<'gpu> {
     /// Everything that passes over paths read and write; names that a shader does not use are ignored.
     #[must_use]
     pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
-        let mut bindings = self.scene.with(&self.acceleration.bindings());
+        let mut bindings = self.scene.with(&[]);
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
             ("paths", self.shared.paths.as_entire_binding()),

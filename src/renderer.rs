@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::acceleration::Acceleration;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -105,10 +104,7 @@ impl<'gpu> Renderer<'gpu> {
         }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
         if plan.rays {
-            if !gpu.capabilities.ray_queries {
-                return Err(GpuError::Device("it was opened without ray queries".to_owned()).into());
-            }
-            gpu_scene.acceleration = Some(Acceleration::new(gpu, &gpu_scene, scene, &geometry));
+            gpu_scene.accelerate(gpu, scene, &geometry)?;
         }
         let (center, radius) = gpu_scene.sphere();
         let lights = Lights::new(&scene.lights, center, radius);

@@ -35,24 +35,11 @@ impl DepthMap {
     /// Format of the depths.
     pub const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
-    fn new(gpu: &Gpu, [width, height]: [u32; 2]) -> Self {
-        let target = |label, format| {
-            gpu.device
-                .create_texture(&wgpu::TextureDescriptor {
-                    label: Some(label),
-                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
-                    view_formats: &[],
-                })
-                .create_view(&Default::default())
-        };
+    fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
+        let read = wgpu::TextureUsages::TEXTURE_BINDING;
         Self {
-            triangles: target("depth map triangles", Self::TRIANGLES),
-            depths: target("depth map depths", Self::DEPTHS),
+            triangles: gpu.target("depth map triangles", size, Self::TRIANGLES, read),
+            depths: gpu.target("depth map depths", size, Self::DEPTHS, read),
         }
     }
 }

@@ -8,6 +8,7 @@
 mod common;
 
 use bytemuck::{Pod, Zeroable};
+use common::random::Random;
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3, Vec4};
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
@@ -50,47 +51,6 @@ struct Answer {
     emission: Vec4,
     ng: Vec4,
     ns: Vec4,
-}
-
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    fn unit(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / (1 << 24) as f32
-    }
-
-    fn between(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * self.unit()
-    }
-
-    fn below(&mut self, n: u64) -> usize {
-        (self.bits() % n) as usize
-    }
-
-    fn color(&mut self) -> Vec3 {
-        Vec3::new(self.unit(), self.unit(), self.unit())
-    }
-
-    fn direction(&mut self) -> Vec3 {
-        loop {
-            let v = self.color() * 2.0 - 1.0;
-            if (0.01..1.0).contains(&v.length_squared()) {
-                return v.normalize();
-            }
-        }
-    }
-
-    fn uv(&mut self) -> Vec2 {
-        Vec2::new(self.between(-3.0, 3.0), self.between(-3.0, 3.0))
-    }
 }
 
 /// Runs the twins on the device.

@@ -10,6 +10,7 @@ mod common;
 
 use std::collections::BTreeMap;
 
+use common::random::Random;
 use glam::{DVec3, Vec2, Vec3};
 use lightsheaf::acceleration::Acceleration;
 use lightsheaf::gpu::{Gpu, read_back};
@@ -37,26 +38,6 @@ const TOLERATED: f64 = 0.0005;
 const SAME: f32 = 1e-4;
 const NONE: u32 = u32::MAX;
 const TOP_BIT: u32 = 1 << 31;
-
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let x = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        x ^ (x >> 31)
-    }
-
-    fn unit(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / (1 << 24) as f32
-    }
-
-    fn pair(&mut self) -> [f32; 2] {
-        [self.unit(), self.unit()]
-    }
-}
 
 /// A point on a triangle.
 #[derive(Clone, Copy)]

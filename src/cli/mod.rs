@@ -15,7 +15,7 @@ use anyhow::{Result, bail};
 use clap::{Parser, Subcommand};
 use serde::Serialize;
 
-use lightsheaf::gpu::Gpu;
+use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::path_plan::PathPlan;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::scene::{self, Geometry, SceneStats};
@@ -80,13 +80,18 @@ pub fn run() -> ExitCode {
     })
 }
 
+/// A device with what a method needs.
+fn open(method: Method) -> Result<Gpu, GpuError> {
+    if method.traces_rays() { Gpu::with_ray_queries() } else { Gpu::new() }
+}
+
 fn plan(args: &PlanArgs) -> Result<()> {
     let method = args.view.settings.method;
     if method == Method::Reference {
         bail!("--method {method}: it does the same for every scene, and has no plan");
     }
     let (scene, settings) = args.view.load()?;
-    let gpu = if method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
+    let gpu = open(method)?;
     let stats = SceneStats::new(&scene, &Geometry::new(&scene));
     if !method.shares_subpaths() {
         return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities));

@@ -144,7 +144,7 @@ struct Job<'a> {
 impl Job<'_> {
     fn raster(&self) -> Result<()> {
         let began = Instant::now();
-        let gpu = if self.settings.method.traces_rays() { Gpu::with_ray_queries()? } else { Gpu::new()? };
+        let gpu = super::open(self.settings.method)?;
         let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let plan = renderer.plan();
@@ -173,7 +173,7 @@ impl Job<'_> {
 
     fn paths(&self) -> Result<()> {
         let began = Instant::now();
-        let gpu = Gpu::with_ray_queries()?;
+        let gpu = super::open(self.settings.method)?;
         let mut renderer = PathRenderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };

@@ -214,6 +214,29 @@ impl Gpu {
         buffer
     }
 
+    /// What a raster pass draws into: a 2-D texture of one level.
+    #[must_use]
+    pub fn target(
+        &self,
+        label: &str,
+        [width, height]: [u32; 2],
+        format: wgpu::TextureFormat,
+        more: wgpu::TextureUsages,
+    ) -> wgpu::TextureView {
+        self.device
+            .create_texture(&wgpu::TextureDescriptor {
+                label: Some(label),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | more,
+                view_formats: &[],
+            })
+            .create_view(&Default::default())
+    }
+
     /// A uniform buffer for a `T`.
     #[must_use]
     pub fn uniform<T: bytemuck::NoUninit>(&self, label: &str) -> wgpu::Buffer {

@@ -18,27 +18,13 @@ impl GBuffer {
     /// Builds the pipeline and the targets.
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[&str], width: u32, height: u32) -> Self {
-        let target = |label, format, usage| {
-            gpu.device
-                .create_texture(&wgpu::TextureDescriptor {
-                    label: Some(label),
-                    size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: wgpu::TextureDimension::D2,
-                    format,
-                    usage: wgpu::TextureUsages::RENDER_ATTACHMENT | usage,
-                    view_formats: &[],
-                })
-                .create_view(&Default::default())
-        };
         let color = wgpu::TextureFormat::R32Uint;
         let depth = wgpu::TextureFormat::Depth32Float;
         Self {
             raster: Raster::new(gpu, "gbuffer", "gbuffer", flags, color, true, Some(depth)),
             size: [width, height],
-            depth: target("gbuffer depth", depth, wgpu::TextureUsages::empty()),
-            triangles: target("gbuffer", color, wgpu::TextureUsages::TEXTURE_BINDING),
+            depth: gpu.target("gbuffer depth", [width, height], depth, wgpu::TextureUsages::empty()),
+            triangles: gpu.target("gbuffer", [width, height], color, wgpu::TextureUsages::TEXTURE_BINDING),
         }
     }
 

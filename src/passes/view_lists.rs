@@ -20,19 +20,9 @@ impl ViewLists {
     pub fn new(gpu: &Gpu, fast: bool, largest: [u32; 2]) -> Self {
         let flags: &[&str] = if fast { &["FAST"] } else { &[] };
         let side = largest.map(|s| s.max(1));
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("view_lists"),
-            size: wgpu::Extent3d { width: side[0], height: side[1], depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
         Self {
             raster: Raster::new(gpu, "view_lists", "view_lists", flags, FORMAT, false, None),
-            target: texture.create_view(&Default::default()),
+            target: gpu.target("view_lists", side, FORMAT, wgpu::TextureUsages::empty()),
             side,
         }
     }

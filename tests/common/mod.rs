@@ -1,6 +1,7 @@
 //! What several tests need: the device, and the files beside the repository.
 #![allow(dead_code, reason = "each test uses its share")]
 
+pub mod random;
 pub mod scenes;
 pub mod statistics;
 
@@ -8,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use lightsheaf::film::Film;
-use lightsheaf::gpu::Gpu;
+use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive as _, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
@@ -17,30 +18,22 @@ use lightsheaf::settings::Settings;
 /// The device, opened once per test binary. Without one, says so and gives none; where `REQUIRE_GPU` is 1, fails instead.
 pub fn gpu() -> Option<&'static Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    GPU.get_or_init(|| match Gpu::new() {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            assert!(std::env::var("REQUIRE_GPU").as_deref() != Ok("1"), "REQUIRE_GPU is 1, but {error}");
-            println!("skipped: no Vulkan device ({error})");
-            None
-        }
-    })
-    .as_ref()
+    GPU.get_or_init(|| required("no Vulkan device", Gpu::new())).as_ref()
 }
 
-/// The same device with ray queries, opened once per test binary. Without them, says so and gives none; where `REQUIRE_GPU` is 1,
-/// fails instead.
+/// The same device with ray queries.
 pub fn gpu_with_ray_queries() -> Option<&'static Gpu> {
     static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    GPU.get_or_init(|| match Gpu::with_ray_queries() {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
+    GPU.get_or_init(|| required("no ray queries", Gpu::with_ray_queries())).as_ref()
+}
+
+fn required(lack: &str, opened: Result<Gpu, GpuError>) -> Option<Gpu> {
+    opened
+        .inspect_err(|error| {
             assert!(std::env::var("REQUIRE_GPU").as_deref() != Ok("1"), "REQUIRE_GPU is 1, but {error}");
-            println!("skipped: no ray queries ({error})");
-            None
-        }
-    })
-    .as_ref()
+            println!("skipped: {lack} ({error})");
+        })
+        .ok()
 }
 
 /// The folder of scenes and reference images beside the repository. Without it, says so and gives none.
