@@ -53,7 +53,8 @@ impl LightTable {
     pub fn new(scene: &Scene, geometry: &Geometry, (_, radius): (Vec3, f32), constant_sky: bool) -> Self {
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
-        groups[0] = scene.lights.iter().map(|l| (record(l), lights::power(l, disc).dot(LUMINANCE))).collect();
+        groups[0] =
+            scene.lights.iter().map(|l| (record(l), lights::power(l, &scene.patterns, disc).dot(LUMINANCE))).collect();
 
         let radiances: Vec<f32> = scene
             .materials
@@ -199,6 +200,7 @@ fn record(light: &Light) -> LightRecord {
         Light::Directional { direction, irradiance } => {
             LightRecord { kind: 2, direction: direction.to_array(), intensity: irradiance.to_array(), ..record }
         }
+        Light::Lamp(_) | Light::Sun { .. } => todo!(),
     }
 }
 

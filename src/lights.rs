@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-use crate::scene::{Light, SpotFalloff};
+use crate::scene::{Cone, Lamp, Light, Pattern, SpotFalloff};
 
 /// A light, as the shaders see it, with what choosing it cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,9 +40,9 @@ impl Lights {
     #[must_use]
     pub fn new(lights: &[Light], center: Vec3, radius: f32) -> Self {
         let disc = PI * radius * radius;
-        let power = |light: &Light| power(light, disc).element_sum();
+        let power = |light: &Light| power(light, &[], disc).element_sum();
         // What is not a number stays: it has to show in the picture and in the count of such values.
-        let shining: Vec<_> = lights.iter().copied().filter(|l| power(l) > 0.0 || power(l).is_nan()).collect();
+        let shining: Vec<_> = lights.iter().map(bare).filter(|l| power(l) > 0.0 || power(l).is_nan()).collect();
         let total: f64 = shining.iter().map(|l| f64::from(power(l))).sum();
         let mut sum = 0.0;
         let cumulative = shining
@@ -105,17 +105,31 @@ impl Lights {
                 pdf: 1.0 / (PI * self.radius * self.radius),
                 ..chosen
             },
+            Light::Lamp(_) | Light::Sun { .. } => unreachable!("made bare"),
         })
+    }
+}
+
+/// A light without its size and pattern.
+fn bare(light: &Light) -> Light {
+    match *light {
+        Light::Sun { direction, irradiance, .. } => Light::Directional { direction, irradiance },
+        Light::Lamp(Lamp { position, intensity, cone: None, .. }) => Light::Point { position, intensity },
+        Light::Lamp(
+            lamp @ Lamp { position, intensity, cone: Some(Cone { inner_angle, outer_angle, falloff }), .. },
+        ) => Light::Spot { position, direction: lamp.direction(), intensity, inner_angle, outer_angle, falloff },
+        light => light,
     }
 }
 
 /// Watts of a light, per channel; of a directional one, what crosses a disc of the given area.
 #[must_use]
-pub fn power(light: &Light, disc: f32) -> Vec3 {
+pub fn power(light: &Light, patterns: &[Pattern], disc: f32) -> Vec3 {
     match *light {
         Light::Point { intensity, .. } => 4.0 * PI * intensity,
         Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
-        Light::Directional { irradiance, .. } => disc * irradiance,
+        Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => disc * irradiance,
+        Light::Lamp(lamp) => lamp.power(patterns),
     }
 }
 

@@ -71,7 +71,7 @@ pub struct Reference<'s> {
     scene: &'s Scene,
     surfaces: Surfaces<'s>,
     sky: Option<Sky<'s>>,
-    lights: Lights,
+    lights: Lights<'s>,
     bvh: Bvh,
     /// Whether rays can run into light: emissive surfaces or a sky.
     emitters_can_be_hit: bool,
