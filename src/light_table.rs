@@ -5,16 +5,20 @@
 
 use std::f32::consts::PI;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
 use crate::lights;
-use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFalloff};
+use crate::scene::emitter::{Emitter, Part, emitters, part};
+use crate::scene::{EnvironmentMap, Geometry, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
 
 /// Rec. 709 luminance.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-// LightRecord.kind of lib/lights.wesl, beside those of punctual lights.
+// LightRecord.kind of lib/frame.wesl and lib/lights.wesl.
+const POINT: u32 = 0;
+const SPOT: u32 = 1;
+const DIRECTIONAL: u32 = 2;
 const AREA: u32 = 4;
 const SKY: u32 = 5;
 
@@ -24,8 +28,10 @@ pub struct LightTable {
     pub records: Vec<LightRecord>,
     /// Cumulative probabilities.
     pub sums: Vec<f32>,
-    /// Per triangle, density per area of its points as x_0; empty where none emits.
-    pub emission_pdfs: Vec<f32>,
+    /// Per triangle, its first light and how many parts it has along a side; empty where none emits.
+    pub emitters: Vec<[u32; 2]>,
+    /// Tables of what depends on direction (shaders/lib/pattern.wesl).
+    pub patterns: Vec<[f32; 4]>,
     /// Cumulative shares of an environment map's cells (shaders/lib/sky.wesl): of the bands, then of each band's cells.
     pub sky_shares: Vec<f32>,
     /// The lights as a whole.
@@ -53,23 +59,22 @@ impl LightTable {
         let (center, radius) = geometry.sphere();
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
-        groups[0] =
-            scene.lights.iter().map(|l| (record(l), lights::power(l, &scene.patterns, disc).dot(LUMINANCE))).collect();
-
-        let radiances: Vec<f32> = scene
-            .materials
+        let (patterns, first_entries) = flatten(&scene.patterns);
+        groups[0] = scene
+            .lights
             .iter()
-            .map(|m| {
-                m.emission
-                    .map_or(0.0, |e| mean(scene, &e.radiance).dot(LUMINANCE) * PI * if e.two_sided { 2.0 } else { 1.0 })
+            .map(|l| {
+                let power = lights::power(l, &scene.patterns, disc).dot(LUMINANCE);
+                (record(l, &scene.patterns, &first_entries), power)
             })
             .collect();
-        for (triangle, &material) in geometry.materials.iter().enumerate() {
-            let power = radiances[material as usize] * area(geometry, triangle);
-            if power != 0.0 {
-                let record = LightRecord { kind: AREA, triangle: triangle as u32, ..Default::default() };
-                groups[1].push((record, power));
-            }
+        for emitter in emitters(scene, geometry) {
+            let Emitter { triangle, parts, powers } = emitter;
+            groups[1].extend((0..).zip(powers).map(|(index, power)| {
+                let Part { corner: [b, c], size } = part(parts, index);
+                let position = [b, c, size];
+                (LightRecord { kind: AREA, triangle, position, falloff: parts, ..Default::default() }, power)
+            }));
         }
 
         let mut sky = None;
@@ -109,7 +114,7 @@ impl LightTable {
             lighting.environment_columns = sky.columns;
             sky_shares = sky.shares;
         }
-        Self::from_groups(groups, geometry, lighting, sky_shares)
+        Self { patterns, ..Self::from_groups(groups, geometry, lighting, sky_shares) }
     }
 
     /// Number of lights that shine.
@@ -132,7 +137,8 @@ impl LightTable {
         let mut out = Self {
             records: Vec::new(),
             sums: Vec::new(),
-            emission_pdfs: Vec::new(),
+            emitters: Vec::new(),
+            patterns: Vec::new(),
             sky_shares,
             lighting,
             power: total as f32,
@@ -146,9 +152,11 @@ impl LightTable {
                 record.probability = sum as f32 - before;
                 match record.kind {
                     AREA => {
-                        out.emission_pdfs.resize(geometry.triangles.len(), 0.0);
-                        let triangle = record.triangle as usize;
-                        out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
+                        out.emitters.resize(geometry.triangles.len(), [0; 2]);
+                        let emitter = &mut out.emitters[record.triangle as usize];
+                        if emitter[1] == 0 {
+                            *emitter = [out.records.len() as u32, record.falloff];
+                        }
                     }
                     SKY => out.lighting.environment_probability = record.probability,
                     _ => (),
@@ -209,14 +217,14 @@ impl SkyTable {
     }
 }
 
-fn record(light: &Light) -> LightRecord {
-    let record = LightRecord::default();
+fn record(light: &Light, patterns: &[Pattern], first_entries: &[u32]) -> LightRecord {
+    let record = LightRecord { triangle: u32::MAX, ..Default::default() };
     match *light {
         Light::Point { position, intensity } => {
             LightRecord { position: position.to_array(), intensity: intensity.to_array(), ..record }
         }
         Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff } => LightRecord {
-            kind: 1,
+            kind: SPOT,
             position: position.to_array(),
             direction: direction.to_array(),
             intensity: intensity.to_array(),
@@ -225,36 +233,61 @@ fn record(light: &Light) -> LightRecord {
             falloff: u32::from(falloff == SpotFalloff::AngleLinear),
             ..record
         },
-        Light::Directional { direction, irradiance } => {
-            LightRecord { kind: 2, direction: direction.to_array(), intensity: irradiance.to_array(), ..record }
+        Light::Directional { direction, irradiance } => LightRecord {
+            kind: DIRECTIONAL,
+            direction: direction.to_array(),
+            intensity: irradiance.to_array(),
+            ..record
+        },
+        Light::Sun { direction, irradiance, angle, .. } => LightRecord {
+            kind: DIRECTIONAL,
+            direction: direction.to_array(),
+            intensity: (irradiance * (2.0 / (1.0 + angle.cos()))).to_array(),
+            // 1 - cos, without cancellation.
+            radius: 2.0 * (0.5 * angle).sin().powi(2),
+            ..record
+        },
+        Light::Lamp(lamp) => {
+            let Lamp { position, world_from_lamp, radius, intensity, cone, pattern } = lamp;
+            let outer = cone.map_or_else(|| lamp.outer_angle(patterns), |c| c.outer_angle);
+            // Without a cone of its own, one with hard edges around all that shines; nearly all directions are simply all.
+            let inner = cone.map_or(outer, |c| c.inner_angle).min(outer);
+            let linear = cone.is_none_or(|c| c.falloff == SpotFalloff::AngleLinear);
+            LightRecord {
+                kind: if cone.is_none() && outer > 0.9 * PI { POINT } else { SPOT },
+                position: position.to_array(),
+                direction: lamp.direction().to_array(),
+                intensity: intensity.to_array(),
+                triangle: pattern.map_or(u32::MAX, |p| first_entries[p]),
+                cos_inner: inner.cos(),
+                cos_outer: outer.cos(),
+                falloff: u32::from(linear),
+                right: world_from_lamp.x_axis.to_array(),
+                radius,
+                ..record
+            }
         }
-        Light::Lamp(_) | Light::Sun { .. } => todo!(),
     }
+}
+
+/// All patterns one after the other, and where each begins.
+fn flatten(patterns: &[Pattern]) -> (Vec<[f32; 4]>, Vec<u32>) {
+    let (mut entries, mut first) = (Vec::new(), Vec::new());
+    for pattern in patterns {
+        first.push(entries.len() as u32);
+        let (mapping, half) = match pattern.mapping {
+            Mapping::Sphere => (0.0, Vec2::ZERO),
+            Mapping::Image { half_extent } => (1.0, half_extent),
+            Mapping::Projection { half_extent } => (2.0, half_extent),
+        };
+        entries.push([pattern.width as f32, pattern.height as f32, mapping, 0.0]);
+        entries.push([half.x, half.y, 0.0, 0.0]);
+        entries.extend(pattern.texels.iter().copied().map(padded));
+    }
+    (entries, first)
 }
 
 /// A column as the shaders' matrices have it.
 fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
-}
-
-/// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.
-fn mean(scene: &Scene, color: &Color) -> Vec3 {
-    let Some(reference) = color.texture else { return color.factor };
-    let texture = &scene.textures[reference.texture];
-    let image = &scene.images[texture.image];
-    let linear = |v: u8| {
-        let v = f32::from(v) / 255.0;
-        match texture.srgb {
-            false => v,
-            true if v <= 0.04045 => v / 12.92,
-            true => ((v + 0.055) / 1.055).powf(2.4),
-        }
-    };
-    let sum: Vec3 = image.texels.iter().map(|t| Vec3::new(linear(t[0]), linear(t[1]), linear(t[2]))).sum();
-    color.factor * sum / image.texels.len().max(1) as f32
-}
-
-fn area(geometry: &Geometry, triangle: usize) -> f32 {
-    let [a, b, c] = geometry.positions(triangle);
-    0.5 * (b - a).cross(c - a).length()
 }

@@ -27,6 +27,7 @@ modules!(
     "lib/mis_subpaths",
     "lib/path_vertex",
     "lib/paths",
+    "lib/pattern",
     "lib/random",
     "lib/rsm",
     "lib/scatter",

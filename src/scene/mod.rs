@@ -6,6 +6,7 @@
 
 pub mod builtin;
 pub mod camera;
+pub mod emitter;
 pub mod environment;
 pub mod error;
 pub mod geometry;
@@ -24,6 +25,7 @@ pub mod tangents;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Lens, Projection};
+pub use emitter::Emitter;
 pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
