@@ -546,7 +546,7 @@ fn spots() {
                 light_falloff: chosen.falloff,
                 ..Default::default()
             };
-            let reference = ReferenceLights::new(&lit, &geometry, &Textures::new(&lit), None);
+            let reference = ReferenceLights::new(&lit, &geometry, None);
             let directions: Vec<Vec3> =
                 (0..2000).map(|_| (direction + random.direction() * random.unit()).normalize()).collect();
             let questions: Vec<_> =

@@ -1,10 +1,10 @@
 //! Next-event estimation: lights in three groups, within which they are chosen by power.
 //!
-//! The groups are lights without extent (or with one that nothing meets), emissive triangles (area times mean emission) and a mapped sky. Where the camera looks,
-//! each group gets a sample of its own; further down a path one group is chosen, half by power and half evenly, because a sun or
-//! a lamp may be strong elsewhere and dark here. Lights without extent, where they are few, are chosen by what they would give
-//! the receiver if nothing stood between. A constant sky is in no group: BSDF sampling alone finds it without noise from the
-//! choice.
+//! The groups are lights without extent (or with one that nothing meets), parts of emissive triangles (area times mean
+//! emission), and a mapped sky. Where the camera looks, each group gets a sample of its own; further down a path one group is
+//! chosen, half by power and half evenly, because a sun or a lamp may be strong elsewhere and dark here. Lights of the first
+//! group, where they are few, are chosen by what they would give the receiver if nothing stood between. A constant sky is in
+//! no group: BSDF sampling alone finds it without noise from the choice.
 
 use std::f32::consts::{PI, TAU};
 
@@ -14,8 +14,8 @@ use super::bvh::NONE;
 use super::distribution::Table;
 use super::environment::{LUMINANCE, Sky};
 use super::surface::Frame;
-use super::texture::Textures;
-use crate::scene::{Cone, Emission, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff};
+use crate::scene::emitter::{self, Part};
+use crate::scene::{Cone, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff};
 
 /// Up to so many lights without extent are each looked at before one is chosen.
 const FEW: usize = 16;
@@ -36,10 +36,11 @@ pub struct Lights<'s> {
     delta: &'s [Light],
     patterns: &'s [Pattern],
     delta_table: Table,
-    triangles: Vec<u32>,
-    triangle_table: Table,
-    /// Density per area of the points of each triangle within its group; empty where none emits.
-    pdf_a: Vec<f32>,
+    /// Parts of triangles, those of one triangle one after the other.
+    parts: Vec<(u32, Part)>,
+    part_table: Table,
+    /// Of each triangle, the first part, how many it has along a side, and their area; empty where none emits.
+    emitters: Vec<(u32, u32, f32)>,
     /// Groups that are not empty.
     groups: Vec<Group>,
     group_table: Table,
@@ -78,7 +79,7 @@ pub struct LightSample {
 impl<'s> Lights<'s> {
     /// Gathers the lights of a scene.
     #[must_use]
-    pub fn new(scene: &'s Scene, geometry: &Geometry, textures: &Textures, sky: Option<&Sky>) -> Self {
+    pub fn new(scene: &'s Scene, geometry: &Geometry, sky: Option<&Sky>) -> Self {
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let cross_section = PI * radius * radius;
         let power = |light: &Light| match *light {
@@ -93,29 +94,28 @@ impl<'s> Lights<'s> {
         };
         let delta_table = table(scene.lights.iter().map(power));
 
-        let mean = |emission: &Emission| {
-            let texture = emission.radiance.texture.map_or(Vec3::ONE, |t| textures.mean(&t));
-            (emission.radiance.factor * texture).dot(LUMINANCE) * PI * if emission.two_sided { 2.0 } else { 1.0 }
-        };
-        let means: Vec<f32> = scene.materials.iter().map(|m| m.emission.as_ref().map_or(0.0, mean)).collect();
-        let power = |triangle: u32| means[geometry.materials[triangle as usize] as usize] * area(geometry, triangle);
-        let triangles: Vec<u32> = (0..geometry.triangles.len() as u32).filter(|&t| power(t) > 0.0).collect();
-        let triangle_table = table(triangles.iter().map(|&t| power(t)));
-        let mut pdf_a = vec![0.0; if triangles.is_empty() { 0 } else { geometry.triangles.len() }];
-        for (at, &triangle) in triangles.iter().enumerate() {
-            pdf_a[triangle as usize] = triangle_table.probability(at) / area(geometry, triangle);
+        let (mut parts, mut powers, mut emitters) = (Vec::new(), Vec::new(), Vec::new());
+        for emitter in emitter::emitters(scene, geometry) {
+            emitters.resize(geometry.triangles.len(), (0, 0, 0.0));
+            let of_all = (emitter.parts * emitter.parts) as f32;
+            emitters[emitter.triangle as usize] =
+                (parts.len() as u32, emitter.parts, area(geometry, emitter.triangle) / of_all);
+            let of_triangle = 0..emitter.powers.len() as u32;
+            parts.extend(of_triangle.map(|index| (emitter.triangle, emitter::part(emitter.parts, index))));
+            powers.extend(emitter.powers);
         }
+        let part_table = table(powers.into_iter());
 
         let sky_power = sky.map_or(0.0, |sky| cross_section * sky.power());
         let (groups, powers): (Vec<Group>, Vec<f32>) =
-            [(Group::Delta, delta_table.total()), (Group::Triangles, triangle_table.total()), (Group::Sky, sky_power)]
+            [(Group::Delta, delta_table.total()), (Group::Triangles, part_table.total()), (Group::Sky, sky_power)]
                 .into_iter()
                 .filter(|(_, power)| *power > 0.0)
                 .unzip();
         let even = powers.iter().sum::<f32>() / powers.len().max(1) as f32;
         let group_table = table(powers.iter().map(|p| p + even));
         let (delta, patterns) = (&scene.lights[..], &scene.patterns[..]);
-        Self { delta, patterns, delta_table, triangles, triangle_table, pdf_a, groups, group_table }
+        Self { delta, patterns, delta_table, parts, part_table, emitters, groups, group_table }
     }
 
     /// The groups that are not empty.
@@ -144,11 +144,16 @@ impl<'s> Lights<'s> {
     }
 
     /// Density per solid angle, within their group, with which a receiver would have sampled a point of a triangle at `distance`,
-    /// seen at `cos`.
+    /// seen at `cos`; `bary` are the weights of its second and third corner.
     #[must_use]
-    pub fn triangle_pdf_w(&self, triangle: u32, distance: f32, cos: f32) -> f32 {
-        let pdf_a = self.pdf_a.get(triangle as usize).copied().unwrap_or(0.0);
-        if pdf_a > 0.0 { pdf_a * distance * distance / cos } else { 0.0 }
+    pub fn triangle_pdf_w(&self, triangle: u32, bary: [f32; 2], distance: f32, cos: f32) -> f32 {
+        match self.emitters.get(triangle as usize) {
+            Some(&(first, parts, area)) if parts > 0 => {
+                let part = first + emitter::part_of(parts, bary);
+                self.part_table.probability(part as usize) / area * distance * distance / cos
+            }
+            _ => 0.0,
+        }
     }
 
     /// A direction from a receiver towards a light of a group; none where the light does not shine there. `facing` is the shading
@@ -174,10 +179,11 @@ impl<'s> Lights<'s> {
                 Some(LightSample { direction, target, weight: irradiance / probability, pdf_w: None })
             }
             Group::Triangles => {
-                let (index, _, x) = self.triangle_table.sample(u.x);
-                let triangle = self.triangles[index];
+                let (index, probability, x) = self.part_table.sample(u.x);
+                let (triangle, Part { corner, size }) = self.parts[index];
                 let corners = geometry.positions(triangle as usize);
-                let bary = uniform_triangle(Vec2::new(x, u.y));
+                let [b, c] = uniform_triangle(Vec2::new(x, u.y));
+                let bary = [corner[0] + size * b, corner[1] + size * c];
                 let position = corners[0] * (1.0 - bary[0] - bary[1]) + corners[1] * bary[0] + corners[2] * bary[1];
                 let to = position - from;
                 let distance = to.length();
@@ -185,7 +191,8 @@ impl<'s> Lights<'s> {
                 let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
                 let cos = normal.dot(direction).abs() / normal.length();
                 let target = Target::Point { position, triangle, bary };
-                extended(direction, target, self.triangle_pdf_w(triangle, distance, cos))
+                let area = self.emitters[triangle as usize].2;
+                extended(direction, target, probability / area * distance * distance / cos)
             }
             Group::Sky => {
                 let (direction, pdf_w) = sky?.sample(u)?;
