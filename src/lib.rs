@@ -87,7 +87,6 @@ pub mod gpu_scene;
 pub mod iteration;
 pub mod layouts;
 pub mod light_table;
-pub mod lights;
 pub mod metrics;
 pub mod passes;
 pub mod path_plan;

@@ -1,4 +1,4 @@
-//! All lights of a scene in one table for subpaths (shaders/lib/lights.wesl): punctual lights, emissive triangles, environment.
+//! All lights of a scene in one table for subpaths (shaders/lib/light.wesl): punctual lights, emissive triangles, environment.
 //!
 //! One of each subpath's or connection's lights is chosen by its share: within its group by power, the groups half by power and half
 //! evenly, since a sun may be strong elsewhere and dark here.
@@ -8,19 +8,29 @@ use std::f32::consts::PI;
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
-use crate::lights;
 use crate::scene::emitter::{Emitter, Part, emitters, part};
 use crate::scene::{EnvironmentMap, Geometry, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
 
 /// Rec. 709 luminance.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-// LightRecord.kind of lib/frame.wesl and lib/lights.wesl.
+// LightRecord.kind of lib/light.wesl.
 const POINT: u32 = 0;
 const SPOT: u32 = 1;
 const DIRECTIONAL: u32 = 2;
 const AREA: u32 = 4;
 const SKY: u32 = 5;
+
+/// Which of the lights that a path from the camera can run into are chosen as well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Met {
+    /// All.
+    All,
+    /// All but a sky without a map, which reflections find as well.
+    ButConstantSky,
+    /// None: they are only run into.
+    Never,
+}
 
 /// The lights, as the shaders read them.
 pub struct LightTable {
@@ -52,24 +62,17 @@ struct SkyTable {
 }
 
 impl LightTable {
-    /// Gathers the lights of a scene. `constant_sky`: whether an environment without a map takes part; next-event
-    /// estimation leaves it to the BSDFs.
+    /// Gathers the lights of a scene.
     #[must_use]
-    pub fn new(scene: &Scene, geometry: &Geometry, constant_sky: bool) -> Self {
+    pub fn new(scene: &Scene, geometry: &Geometry, chosen: Met) -> Self {
         let (center, radius) = geometry.sphere();
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
         let (patterns, first_entries) = flatten(&scene.patterns);
-        groups[0] = scene
-            .lights
-            .iter()
-            .map(|l| {
-                let power = lights::power(l, &scene.patterns, disc).dot(LUMINANCE);
-                (record(l, &scene.patterns, &first_entries), power)
-            })
-            .collect();
-        for emitter in emitters(scene, geometry) {
-            let Emitter { triangle, parts, powers } = emitter;
+        let entry = |light| (record(light, &scene.patterns, &first_entries), power(light, &scene.patterns, disc));
+        groups[0] = scene.lights.iter().map(entry).map(|(record, power)| (record, power.dot(LUMINANCE))).collect();
+        let met = if chosen == Met::Never { Vec::new() } else { emitters(scene, geometry) };
+        for Emitter { triangle, parts, powers } in met {
             groups[1].extend((0..).zip(powers).map(|(index, power)| {
                 let Part { corner: [b, c], size } = part(parts, index);
                 let position = [b, c, size];
@@ -78,13 +81,13 @@ impl LightTable {
         }
 
         let mut sky = None;
-        if let Some(environment) = &scene.environment {
+        if let Some(environment) = scene.environment.as_ref().filter(|_| chosen != Met::Never) {
             let flux = match &environment.map {
                 Some(map) => {
                     sky = SkyTable::new(map);
                     sky.as_ref().map_or(0.0, |s| s.integral * 2.0 * PI * PI)
                 }
-                None if constant_sky => 4.0 * PI,
+                None if chosen == Met::All => 4.0 * PI,
                 None => 0.0,
             };
             let power = flux * environment.radiance.dot(LUMINANCE) * disc;
@@ -96,6 +99,7 @@ impl LightTable {
             environment_from_world: Mat3::IDENTITY.to_cols_array_2d().map(padded),
             center: center.to_array(),
             radius,
+            half_extent: (0.5 * (geometry.bounds[1] - geometry.bounds[0])).to_array(),
             environment_bands: 1,
             environment_columns: 1,
             ..Default::default()
@@ -121,6 +125,13 @@ impl LightTable {
     #[must_use]
     pub fn count(&self) -> u32 {
         self.sums.len() as u32
+    }
+
+    /// Chooses a light by a number in [0, 1); none where nothing shines.
+    #[must_use]
+    pub fn choose(&self, u: f32) -> Option<u32> {
+        let last = self.count().checked_sub(1)?;
+        Some((self.sums.partition_point(|&sum| sum <= u) as u32).min(last))
     }
 
     fn from_groups(
@@ -214,6 +225,30 @@ impl SkyTable {
             columns: width as u32,
             integral,
         })
+    }
+}
+
+impl LightRecord {
+    /// Whether light subpaths always leave it from the same point, or in the same direction.
+    #[must_use]
+    pub fn is_fixed(&self) -> bool {
+        self.kind < AREA && self.radius <= 0.0
+    }
+
+    /// Whether it is infinitely far away.
+    #[must_use]
+    pub fn is_infinite(&self) -> bool {
+        matches!(self.kind, DIRECTIONAL | SKY)
+    }
+}
+
+/// Watts of a light, per channel; of a directional one, what crosses a disc of the given area.
+fn power(light: &Light, patterns: &[Pattern], disc: f32) -> Vec3 {
+    match *light {
+        Light::Point { intensity, .. } => 4.0 * PI * intensity,
+        Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
+        Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => disc * irradiance,
+        Light::Lamp(lamp) => lamp.power(patterns),
     }
 }
 

@@ -10,7 +10,7 @@ use crate::gpu::{Gpu, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera;
 use crate::layouts;
-use crate::light_table::LightTable;
+use crate::light_table::{LightTable, Met};
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::resolve::Resolve;
@@ -69,7 +69,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
-        let table = LightTable::new(scene, &geometry, both_sides);
+        let table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         gpu_scene.accelerate(gpu, scene, &geometry)?;
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
