@@ -95,11 +95,14 @@ impl Frame {
         };
         let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.allowed, c.s, c.j))).collect();
         let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.allowed, 0, e.j))).collect();
+        // What depends on the way from y0.
+        let pattern: &[&str] = if plan.light_flags.contains(&"PATTERNS") { &["PATTERNS"] } else { &[] };
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
         let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
         for c in &plan.connections {
             if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                let flags = with(&[visibility, if c.s == 1 { rsm } else { &[] }].concat());
+                let from_y0 = if c.s == 1 { [rsm, pattern].concat() } else { Vec::new() };
+                let flags = with(&[visibility, &from_y0].concat());
                 connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
             }
         }
@@ -130,9 +133,9 @@ impl Frame {
             view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0).then(|| LightPoint::new(gpu, &with(&plan.light_flags))),
-            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(visibility))),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, pattern].concat()))),
             light_subpath: (plan.light_vertices > 1)
-                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm].concat()))),
+                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, pattern].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections,

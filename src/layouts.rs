@@ -178,6 +178,8 @@ layouts! {
         cos_outer: f32,
         falloff: u32,
         pad: u32,
+        right: [f32; 3],
+        radius: f32,
     }
 
     /// A vertex of a light subpath of the path methods; the host only needs its size.

@@ -44,6 +44,7 @@ impl PathPlan {
             ("SPECULAR", glossy),
             ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
             ("MASKS", stats.masked_triangles > 0),
+            ("PATTERNS", stats.patterns),
             ("EMISSION", stats.emissive_triangles > 0),
             ("ENVIRONMENT", stats.environment),
             ("ENVIRONMENT_MAP", stats.environment_map),

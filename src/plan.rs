@@ -163,6 +163,9 @@ impl FramePlan {
         flag("GLOSSY", stats.glossy_triangles > 0);
         flag("MASKS", stats.masked_triangles > 0);
         let mut light_flags = Vec::new();
+        if stats.patterns {
+            light_flags.push("PATTERNS");
+        }
         if stats.emissive_triangles > 0 {
             light_flags.push("EMISSION");
         }

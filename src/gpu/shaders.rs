@@ -29,6 +29,7 @@ modules!(
     "lib/mis_subpaths",
     "lib/path_vertex",
     "lib/paths",
+    "lib/pattern",
     "lib/random",
     "lib/rsm",
     "lib/sampling",
