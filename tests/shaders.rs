@@ -56,11 +56,13 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
+        // Patterns are looked up alike whatever surfaces are like: without and with all of that.
+        && (!has("PATTERNS") || ["MASKS", "TEXTURES", "VERTEX_COLORS"].iter().all(|f| has(f)) || !["MASKS", "TEXTURES", "VERTEX_COLORS"].iter().any(|f| has(f)))
 }
 
 /// All sensible subsets.
 fn sets<'a>(pass: &str, flags: &[&'a str]) -> Vec<Vec<&'a str>> {
-    assert!(flags.len() <= 12, "too many sets of {flags:?}: say which are not sensible together");
+    assert!(flags.len() <= 13, "too many sets of {flags:?}: say which are not sensible together");
     (0..1_u32 << flags.len())
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .filter(|set| sensible(pass, set))

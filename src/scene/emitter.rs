@@ -28,11 +28,11 @@ pub struct Part {
 }
 
 /// Texels that a part spans along its longest side, where there is no end to cutting.
-const TEXELS: f32 = 4.0;
+const TEXELS: f32 = 2.0;
 /// Most parts along a side.
 const MOST_PARTS: u32 = 32;
 /// Most parts of a scene.
-const MOST_OF_ALL: usize = 1 << 20;
+const MOST_OF_ALL: usize = 1 << 18;
 /// Points along a side of a part at which the texture is looked up, at most.
 const MOST_POINTS: u32 = 16;
 /// Share of a triangle's mean that the darkest part has at least: filters spread light over texels that were not looked up.
