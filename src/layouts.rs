@@ -274,7 +274,7 @@ layouts! {
         position: [f32; 3],
         triangle: u32,
         throughput: [f32; 3],
-        pad0: f32,
+        made: f32,
         wo: [f32; 3],
         here: f32,
         back: f32,

@@ -13,6 +13,7 @@ macro_rules! modules {
 
 modules!(
     "lib/bsdf",
+    "lib/bundle",
     "lib/camera",
     "lib/depth_map",
     "lib/emission",
