@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 
+use super::texture::linear_from_srgb;
 use super::{Geometry, Scene, TextureRef, Wrap};
 
 /// An emissive triangle.
@@ -166,11 +167,6 @@ fn texel(
     let [r, g, b, _] = image.texels[y * image.width as usize + x];
     let value = |v: u8| if sampler.srgb { decode[v as usize] } else { f32::from(v) / 255.0 };
     Vec3::new(value(r), value(g), value(b))
-}
-
-/// IEC 61966-2-1.
-fn linear_from_srgb(v: f32) -> f32 {
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
 #[cfg(test)]
