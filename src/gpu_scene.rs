@@ -1,15 +1,14 @@
-//! Upload: a scene's geometry, materials, textures and environment as the buffers of group 0 (shaders/lib/scene.wesl).
+//! Upload: a scene's geometry, materials, textures and lights as the buffers of group 0 (shaders/lib/scene.wesl).
 
 use std::collections::BTreeMap;
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use crate::acceleration::Acceleration;
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
-use crate::scene::{
-    Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Rows, Scalar, Scene, Sides, TextureRef, Wrap,
-};
+use crate::light_table::LightTable;
+use crate::scene::{Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Scalar, Scene, Sides, TextureRef, Wrap};
 
 const NONE: u32 = u32::MAX;
 
@@ -25,25 +24,12 @@ const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
-/// A constant or mapped environment, as passes need it.
-#[derive(Clone, Copy, Debug)]
-pub struct GpuEnvironment {
-    /// Constant radiance, or factor of the map.
-    pub radiance: Vec3,
-    /// Whether row 0 is met at the pole.
-    pub rows_at_poles: bool,
-    /// Rotation into the map's space.
-    pub environment_from_world: Mat3,
-}
-
 /// The scene on the device.
 pub struct GpuScene {
     /// Number of triangles.
     pub triangles: u32,
     /// Bounding box, metres.
     pub bounds: [Vec3; 2],
-    /// The environment, if any.
-    pub environment: Option<GpuEnvironment>,
     /// Bytes of buffers and textures.
     pub bytes: u64,
     /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
@@ -58,6 +44,12 @@ pub struct GpuScene {
     texels_srgb: wgpu::TextureView,
     bilinear: wgpu::Sampler,
     environment_map: wgpu::TextureView,
+    sphere: (Vec3, f32),
+    lighting: wgpu::Buffer,
+    lights: wgpu::Buffer,
+    light_sums: wgpu::Buffer,
+    emission_pdfs: wgpu::Buffer,
+    sky_table: wgpu::Buffer,
 }
 
 impl GpuScene {
@@ -65,7 +57,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
-    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> Result<Self, GpuError> {
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
         let largest =
             (geometry.vertices.len() * size_of::<layouts::Attributes>()).max(geometry.triangles.len() * 48) as u64;
@@ -108,11 +100,8 @@ impl GpuScene {
         let texture_uses =
             if atlas.uses.is_empty() { vec![layouts::TextureUse::default()] } else { std::mem::take(&mut atlas.uses) };
 
-        let environment = scene.environment.as_ref().map(|e| GpuEnvironment {
-            radiance: e.radiance,
-            rows_at_poles: e.map.as_ref().is_some_and(|m| m.rows == Rows::AtPoles),
-            environment_from_world: e.world_from_environment.transpose(),
-        });
+        let lighting = gpu.uniform::<layouts::Lighting>("lighting");
+        gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
         let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
         let (width, height) = map.map_or((1, 1), |m| (m.width, m.height));
         if width.max(height) > gpu.capabilities.max_texture_side {
@@ -131,12 +120,15 @@ impl GpuScene {
             + size_of_val(triangles.as_slice())
             + size_of_val(materials.as_slice())
             + size_of_val(texture_uses.as_slice())
-            + rgba.len() * 16) as u64
+            + rgba.len() * 16
+            + size_of_val(lights.records.as_slice())
+            + 4 * (lights.sums.len() + lights.emission_pdfs.len() + lights.sky_shares.len()))
+            as u64
             + atlas.bytes;
         Ok(Self {
             triangles: triangles.len() as u32,
             bounds: geometry.bounds,
-            environment,
+            sphere: geometry.sphere(),
             bytes,
             positions: upload_positions(gpu, &positions),
             acceleration: None,
@@ -153,6 +145,11 @@ impl GpuScene {
                 ..Default::default()
             }),
             environment_map: environment_texture.create_view(&Default::default()),
+            lighting,
+            lights: gpu.upload("lights", &lights.records),
+            light_sums: gpu.upload("light_sums", &lights.sums),
+            emission_pdfs: gpu.upload("emission_pdfs", &lights.emission_pdfs),
+            sky_table: gpu.upload("sky_table", &lights.sky_shares),
         })
     }
 
@@ -172,6 +169,11 @@ impl GpuScene {
             ("texels_srgb", wgpu::BindingResource::TextureView(&self.texels_srgb)),
             ("bilinear", wgpu::BindingResource::Sampler(&self.bilinear)),
             ("environment_map", wgpu::BindingResource::TextureView(&self.environment_map)),
+            ("lighting", self.lighting.as_entire_binding()),
+            ("lights", self.lights.as_entire_binding()),
+            ("light_sums", self.light_sums.as_entire_binding()),
+            ("emission_pdfs", self.emission_pdfs.as_entire_binding()),
+            ("sky_table", self.sky_table.as_entire_binding()),
         ];
         all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
         all.extend_from_slice(own);
@@ -190,11 +192,10 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Middle of the bounding box and half its diagonal, metres; the latter is positive even for an empty scene.
+    /// Middle and radius of the sphere that holds the scene, metres.
     #[must_use]
     pub fn sphere(&self) -> (Vec3, f32) {
-        let radius = 0.5 * self.bounds[0].distance(self.bounds[1]);
-        (0.5 * (self.bounds[0] + self.bounds[1]), if radius > 0.0 { radius } else { 1.0 })
+        self.sphere
     }
 }
 

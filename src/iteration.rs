@@ -30,7 +30,7 @@ pub fn describe(
         y1_random: sampler.get2(Decision::Y1),
         y2_random: sampler.get2(Decision::Y2),
         iteration: batch_index,
-        ..describe_camera_and_sky(scene, camera, settings)
+        ..describe_camera(camera, settings)
     };
     if let Some((shift, focus)) = on_lens {
         // Seen from the point of the lens, what is in focus stays where it is.
@@ -53,15 +53,13 @@ pub fn describe(
     out
 }
 
-/// The part of the uniform that no iteration changes: camera, environment, and the exponent of MIS.
+/// The part of the uniform that no iteration changes: the camera, and the exponent of MIS.
 #[must_use]
-pub fn describe_camera_and_sky(scene: &GpuScene, camera: &Camera, settings: &Settings) -> layouts::Frame {
+pub fn describe_camera(camera: &Camera, settings: &Settings) -> layouts::Frame {
     let half = camera.half_extent(settings.width, settings.height);
     let world_from_camera = camera.world_from_camera;
     let [right, up, forward] =
         [Vec3::X * half.x, Vec3::Y * half.y, Vec3::NEG_Z].map(|v| world_from_camera.transform_vector3(v));
-    let environment = scene.environment;
-    let columns = environment.map_or(glam::Mat3::IDENTITY, |e| e.environment_from_world).to_cols_array_2d();
     layouts::Frame {
         camera_position: Vec3::from(world_from_camera.translation).to_array(),
         orthographic: u32::from(matches!(camera.projection, Projection::Orthographic { .. })),
@@ -71,9 +69,6 @@ pub fn describe_camera_and_sky(scene: &GpuScene, camera: &Camera, settings: &Set
         height: settings.height,
         camera_forward: forward.to_array(),
         light_kind: 3,
-        environment: environment.map_or([0.0; 3], |e| e.radiance.to_array()),
-        environment_rows_at_poles: u32::from(environment.is_some_and(|e| e.rows_at_poles)),
-        environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
         beta: settings.beta(),
         ..Default::default()
     }

@@ -114,9 +114,6 @@ layouts! {
         light_falloff: u32,
         light_right: [f32; 3],
         light_radius: f32,
-        environment: [f32; 3],
-        environment_rows_at_poles: u32,
-        environment_from_world: [[f32; 4]; 3],
         y1_random: [f32; 2],
         y2_random: [f32; 2],
         beta: f32,
@@ -151,24 +148,34 @@ layouts! {
 
     /// What the passes over paths share.
     struct Paths in "eye_paths" {
-        center: [f32; 3],
-        radius: f32,
         seed: u32,
         number: u32,
         first: u32,
         count: u32,
         bounces: u32,
-        light_count: u32,
         lens_radius: f32,
         focus: f32,
         only_s: u32,
         only_t: u32,
         unweighted: u32,
         splat_scale: f32,
+    }
+
+    /// What shines, as a whole.
+    struct Lighting in "eye_paths" {
+        environment_from_world: [[f32; 4]; 3],
+        environment: [f32; 3],
+        environment_rows_at_poles: u32,
+        center: [f32; 3],
+        radius: f32,
+        light_count: u32,
         environment_probability: f32,
         environment_integral: f32,
         environment_bands: u32,
         environment_columns: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// A light of the table that subpaths choose from.

@@ -5,9 +5,9 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
-use crate::layouts::LightRecord;
+use crate::layouts::{LightRecord, Lighting};
 use crate::lights;
 use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFalloff};
 
@@ -26,31 +26,31 @@ pub struct LightTable {
     pub sums: Vec<f32>,
     /// Per triangle, density per area of its points as x_0; empty where none emits.
     pub emission_pdfs: Vec<f32>,
-    /// The environment's map, where there is one.
-    pub sky: Option<SkyTable>,
-    /// Probability of the environment.
-    pub environment_probability: f32,
+    /// Cumulative shares of an environment map's cells (shaders/lib/sky.wesl): of the bands, then of each band's cells.
+    pub sky_shares: Vec<f32>,
+    /// The lights as a whole.
+    pub lighting: Lighting,
     /// Luminance of all power, watts.
     pub power: f32,
 }
 
-/// Cumulative shares of an environment map's cells (shaders/lib/sky.wesl).
-pub struct SkyTable {
-    /// Of the bands, then of each band's cells.
-    pub shares: Vec<f32>,
-    /// Number of bands.
-    pub bands: u32,
+/// What an environment map's cells hold.
+struct SkyTable {
+    /// Cumulative, of the bands, then of each band's cells.
+    shares: Vec<f32>,
+    bands: u32,
     /// Cells in a band.
-    pub columns: u32,
-    /// Integral of luminance times the bands' sine over the unit square.
-    pub integral: f32,
+    columns: u32,
+    /// Of luminance times the bands' sine over the unit square.
+    integral: f32,
 }
 
 impl LightTable {
-    /// Gathers the lights of a scene within a sphere. `constant_sky`: whether an environment without a map takes part; next-event
+    /// Gathers the lights of a scene. `constant_sky`: whether an environment without a map takes part; next-event
     /// estimation leaves it to the BSDFs.
     #[must_use]
-    pub fn new(scene: &Scene, geometry: &Geometry, (_, radius): (Vec3, f32), constant_sky: bool) -> Self {
+    pub fn new(scene: &Scene, geometry: &Geometry, constant_sky: bool) -> Self {
+        let (center, radius) = geometry.sphere();
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
         groups[0] = scene.lights.iter().map(|l| (record(l), lights::power(l, disc).dot(LUMINANCE))).collect();
@@ -86,7 +86,29 @@ impl LightTable {
                 groups[2].push((LightRecord { kind: SKY, ..Default::default() }, power));
             }
         }
-        Self::from_groups(groups, geometry, sky)
+        let mut lighting = Lighting {
+            environment_from_world: Mat3::IDENTITY.to_cols_array_2d().map(padded),
+            center: center.to_array(),
+            radius,
+            environment_bands: 1,
+            environment_columns: 1,
+            ..Default::default()
+        };
+        if let Some(environment) = &scene.environment {
+            lighting.environment = environment.radiance.to_array();
+            lighting.environment_rows_at_poles =
+                u32::from(environment.map.as_ref().is_some_and(|m| m.rows == Rows::AtPoles));
+            lighting.environment_from_world =
+                environment.world_from_environment.transpose().to_cols_array_2d().map(padded);
+        }
+        let mut sky_shares = Vec::new();
+        if let Some(sky) = sky {
+            lighting.environment_integral = sky.integral;
+            lighting.environment_bands = sky.bands;
+            lighting.environment_columns = sky.columns;
+            sky_shares = sky.shares;
+        }
+        Self::from_groups(groups, geometry, lighting, sky_shares)
     }
 
     /// Number of lights that shine.
@@ -95,7 +117,12 @@ impl LightTable {
         self.sums.len() as u32
     }
 
-    fn from_groups(groups: [Vec<(LightRecord, f32)>; 3], geometry: &Geometry, sky: Option<SkyTable>) -> Self {
+    fn from_groups(
+        groups: [Vec<(LightRecord, f32)>; 3],
+        geometry: &Geometry,
+        lighting: Lighting,
+        sky_shares: Vec<f32>,
+    ) -> Self {
         // What is not a number has to be met sometimes, to show in the picture and in the count of such values.
         let countable = |power: f32| if power.is_finite() { f64::from(power.max(0.0)) } else { 1.0 };
         let powers: Vec<f64> = groups.iter().map(|g| g.iter().map(|(_, p)| countable(*p)).sum()).collect();
@@ -105,8 +132,8 @@ impl LightTable {
             records: Vec::new(),
             sums: Vec::new(),
             emission_pdfs: Vec::new(),
-            sky,
-            environment_probability: 0.0,
+            sky_shares,
+            lighting,
             power: total as f32,
         };
         let mut sum = 0.0_f64;
@@ -122,13 +149,14 @@ impl LightTable {
                         let triangle = record.triangle as usize;
                         out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
                     }
-                    SKY => out.environment_probability = record.probability,
+                    SKY => out.lighting.environment_probability = record.probability,
                     _ => (),
                 }
                 out.records.push(record);
                 out.sums.push(sum as f32);
             }
         }
+        out.lighting.light_count = out.sums.len() as u32;
         if out.records.is_empty() {
             out.records.push(LightRecord::default());
         }
@@ -200,6 +228,11 @@ fn record(light: &Light) -> LightRecord {
             LightRecord { kind: 2, direction: direction.to_array(), intensity: irradiance.to_array(), ..record }
         }
     }
+}
+
+/// A column as the shaders' matrices have it.
+fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
+    [x, y, z, 0.0]
 }
 
 /// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.

@@ -8,7 +8,7 @@
 use crate::film::Film;
 use crate::gpu::{Gpu, read_back};
 use crate::gpu_scene::GpuScene;
-use crate::iteration::describe_camera_and_sky;
+use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::LightTable;
 use crate::passes::eye_paths::EyePaths;
@@ -29,10 +29,6 @@ const ANY: u32 = u32::MAX;
 struct Shared {
     frame: wgpu::Buffer,
     paths: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    light_sums: wgpu::Buffer,
-    emission_pdfs: wgpu::Buffer,
-    sky_table: wgpu::Buffer,
 }
 
 /// Buffers per pixel.
@@ -72,46 +68,30 @@ impl<'gpu> PathRenderer<'gpu> {
         check_size(gpu, settings)?;
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
-        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
-        gpu_scene.accelerate(gpu, scene, &geometry)?;
         let both_sides = settings.method == Method::RayQuery;
-        let (center, radius) = gpu_scene.sphere();
-        let table = LightTable::new(scene, &geometry, (center, radius), both_sides);
+        let table = LightTable::new(scene, &geometry, both_sides);
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        gpu_scene.accelerate(gpu, scene, &geometry)?;
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
-        let sky = table.sky.as_ref();
         let constants = layouts::Paths {
-            center: center.to_array(),
-            radius,
             seed: settings.seed,
             bounces: plan.bounces,
-            light_count: table.count(),
             lens_radius: lens.map_or(0.0, |l| l.radius),
             focus: lens.map_or(1.0, |l| l.focus),
             only_s: ANY,
             only_t: ANY,
-            splat_scale: splat_scale(table.power, radius),
-            environment_probability: table.environment_probability,
-            environment_integral: sky.map_or(0.0, |s| s.integral),
-            environment_bands: sky.map_or(1, |s| s.bands),
-            environment_columns: sky.map_or(1, |s| s.columns),
+            splat_scale: splat_scale(table.power, gpu_scene.sphere().1),
             ..Default::default()
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");
-        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera_and_sky(&gpu_scene, &camera, settings)));
+        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera(&camera, settings)));
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
             eye_paths: EyePaths::new(gpu, &plan.flags),
             resolve: Resolve::new(gpu, &plan.flags),
-            shared: Shared {
-                frame,
-                paths: gpu.uniform::<layouts::Paths>("paths"),
-                lights: gpu.upload("lights", &table.records),
-                light_sums: gpu.upload("light_sums", &table.sums),
-                emission_pdfs: gpu.upload("emission_pdfs", &table.emission_pdfs),
-                sky_table: gpu.upload("sky_table", sky.map_or(&[][..], |s| &s.shares)),
-            },
+            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths") },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
                 film: gpu.storage("film", pixels * 32),
@@ -147,10 +127,6 @@ impl<'gpu> PathRenderer<'gpu> {
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
             ("paths", self.shared.paths.as_entire_binding()),
-            ("lights", self.shared.lights.as_entire_binding()),
-            ("light_sums", self.shared.light_sums.as_entire_binding()),
-            ("emission_pdfs", self.shared.emission_pdfs.as_entire_binding()),
-            ("sky_table", self.shared.sky_table.as_entire_binding()),
             ("radiance", self.pixels.radiance.as_entire_binding()),
             ("film", self.pixels.film.as_entire_binding()),
             ("log", self.pixels.log.as_entire_binding()),

@@ -6,6 +6,7 @@ use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
+use crate::light_table::LightTable;
 use crate::lights::Lights;
 use crate::plan::FramePlan;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
@@ -102,7 +103,8 @@ impl<'gpu> Renderer<'gpu> {
                 "a view of {largest} texels a side does not fit this device, whose limit is {side}"
             )));
         }
-        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry)?;
+        let table = LightTable::new(scene, &geometry, true);
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }

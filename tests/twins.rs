@@ -13,6 +13,7 @@ use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3, Vec4};
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts;
+use lightsheaf::light_table::LightTable;
 use lightsheaf::lights::Lights;
 use lightsheaf::reference::bvh::Hit;
 use lightsheaf::reference::environment::Sky;
@@ -56,7 +57,7 @@ struct Answer {
 /// Runs the twins on the device.
 fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], frame: &layouts::Frame, questions: &[Question]) -> Vec<Answer> {
     let geometry = Geometry::new(scene);
-    let uploaded = GpuScene::new(gpu, scene, &geometry).unwrap();
+    let uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, true)).unwrap();
     let pass = Compute::new(gpu, "twins", "twins", flags);
     let uniform = gpu.uniform::<layouts::Frame>("frame");
     gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(frame));
@@ -506,15 +507,7 @@ fn environments() {
             environment: Some(environment),
             ..scene_of(vec![material(0, 1.0, &mut random)], false, &mut random)
         };
-        let environment = scene.environment.as_ref().unwrap();
-        // As frame.rs fills it.
-        let columns = environment.world_from_environment.transpose().to_cols_array_2d();
-        let frame = layouts::Frame {
-            environment: environment.radiance.to_array(),
-            environment_rows_at_poles: u32::from(rows == Some(Rows::AtPoles)),
-            environment_from_world: columns.map(|[x, y, z]| [x, y, z, 0.0]),
-            ..Default::default()
-        };
+        let frame = layouts::Frame::default();
         let directions: Vec<Vec3> = (0..4000).map(|_| random.direction()).collect();
         let questions: Vec<_> = directions
             .iter()
@@ -522,7 +515,7 @@ fn environments() {
             .collect();
         let flags: &[&str] = if rows.is_some() { &["ENVIRONMENT", "ENVIRONMENT_MAP"] } else { &["ENVIRONMENT"] };
         let answers = ask(gpu, &scene, flags, &frame, &questions);
-        let sky = Sky::new(environment);
+        let sky = Sky::new(scene.environment.as_ref().unwrap());
         let pairs: Vec<_> = answers
             .iter()
             .zip(&directions)

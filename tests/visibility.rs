@@ -16,6 +16,7 @@ use lightsheaf::acceleration::Acceleration;
 use lightsheaf::gpu::{Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts;
+use lightsheaf::light_table::LightTable;
 use lightsheaf::lights::uniform_sphere;
 use lightsheaf::passes::depth_maps::DepthMaps;
 use lightsheaf::passes::queries::Queries;
@@ -106,7 +107,7 @@ impl<'a> World<'a> {
         }
         Self {
             gpu,
-            scene: GpuScene::new(gpu, scene, geometry).unwrap(),
+            scene: GpuScene::new(gpu, scene, geometry, &LightTable::new(scene, geometry, true)).unwrap(),
             materials: &scene.materials,
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],

@@ -21,6 +21,7 @@ modules!(
     "lib/footprint",
     "lib/frame",
     "lib/light_vertex",
+    "lib/lighting",
     "lib/lights",
     "lib/mis",
     "lib/mis_subpaths",

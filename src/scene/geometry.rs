@@ -96,6 +96,13 @@ impl Geometry {
         out
     }
 
+    /// Middle of the bounding box and half its diagonal, metres; the latter is positive even for an empty scene.
+    #[must_use]
+    pub fn sphere(&self) -> (Vec3, f32) {
+        let radius = 0.5 * self.bounds[0].distance(self.bounds[1]);
+        (0.5 * (self.bounds[0] + self.bounds[1]), if radius > 0.0 { radius } else { 1.0 })
+    }
+
     /// World-space corners of a triangle.
     #[must_use]
     pub fn positions(&self, triangle: usize) -> [Vec3; 3] {
