@@ -159,6 +159,10 @@ layouts! {
         only_t: u32,
         unweighted: u32,
         splat_scale: f32,
+        even_choice: u32,
+        tree_lights: u32,
+        tree_share: f32,
+        pad: u32,
     }
 
     /// What shines, as a whole.
@@ -189,6 +193,20 @@ layouts! {
         cos_inner: f32,
         cos_outer: f32,
         falloff: u32,
+        leaf: u32,
+    }
+
+    /// A node of the tree that lights are chosen by.
+    struct LightNode in "eye_paths" {
+        low: [f32; 3],
+        strength: f32,
+        high: [f32; 3],
+        child: u32,
+        axis: [f32; 3],
+        parent: u32,
+        cos_normals: f32,
+        cos_falloff: f32,
+        two_sided: u32,
         pad: u32,
     }
 

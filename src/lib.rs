@@ -87,6 +87,7 @@ pub mod gpu_scene;
 pub mod iteration;
 pub mod layouts;
 pub mod light_table;
+pub mod light_tree;
 pub mod lights;
 pub mod metrics;
 pub mod passes;

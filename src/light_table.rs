@@ -14,13 +14,18 @@ use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFall
 /// Rec. 709 luminance.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-// LightRecord.kind of lib/lights.wesl, beside those of punctual lights.
-const AREA: u32 = 4;
+// LightRecord.kind of lib/lights.wesl.
+const DIRECTIONAL: u32 = 2;
+pub(crate) const AREA: u32 = 4;
 const SKY: u32 = 5;
 
+/// Steps of the numbers that choose: no light's probability is less than one of them.
+const STEPS: f64 = (1 << 24) as f64;
+
 /// The lights, as the shaders read them.
+#[derive(Default)]
 pub struct LightTable {
-    /// One each; where there is none, one that nothing chooses.
+    /// One each, those infinitely far away last; where there is none, one that nothing chooses.
     pub records: Vec<LightRecord>,
     /// Cumulative probabilities.
     pub sums: Vec<f32>,
@@ -32,6 +37,10 @@ pub struct LightTable {
     pub lighting: Lighting,
     /// Luminance of all power, watts.
     pub power: f32,
+    /// Of each light.
+    pub powers: Vec<f32>,
+    /// Lights that are somewhere.
+    pub finite: usize,
 }
 
 /// What an environment map's cells hold.
@@ -111,6 +120,22 @@ impl LightTable {
         Self::from_groups(groups, geometry, lighting, sky_shares)
     }
 
+    /// Probability of those that are somewhere.
+    #[must_use]
+    pub fn finite_share(&self) -> f32 {
+        self.finite.checked_sub(1).map_or(0.0, |last| self.sums[last])
+    }
+
+    /// Index of each triangle's light; empty where none emits.
+    #[must_use]
+    pub fn emitter_records(&self) -> Vec<u32> {
+        let mut out = vec![0; self.emission_pdfs.len()];
+        for (index, record) in self.records.iter().enumerate().filter(|(_, record)| record.kind == AREA) {
+            out[record.triangle as usize] = index as u32;
+        }
+        out
+    }
+
     /// Number of lights that shine.
     #[must_use]
     pub fn count(&self) -> u32 {
@@ -128,33 +153,35 @@ impl LightTable {
         let powers: Vec<f64> = groups.iter().map(|g| g.iter().map(|(_, p)| countable(*p)).sum()).collect();
         let total: f64 = powers.iter().sum();
         let shining = powers.iter().filter(|p| **p > 0.0).count() as f64;
-        let mut out = Self {
-            records: Vec::new(),
-            sums: Vec::new(),
-            emission_pdfs: Vec::new(),
-            sky_shares,
-            lighting,
-            power: total as f32,
-        };
-        let mut sum = 0.0_f64;
-        for (group, power) in groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0) {
+        let mut out = Self { sky_shares, lighting, power: total as f32, ..Self::default() };
+        let shares = groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0).flat_map(|(group, power)| {
             let of_group = 0.5 * power / total + 0.5 / shining;
-            for (mut record, own) in group {
-                let before = sum as f32;
-                sum += countable(own) / power * of_group;
-                record.probability = sum as f32 - before;
-                match record.kind {
-                    AREA => {
-                        out.emission_pdfs.resize(geometry.triangles.len(), 0.0);
-                        let triangle = record.triangle as usize;
-                        out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
-                    }
-                    SKY => out.lighting.environment_probability = record.probability,
-                    _ => (),
+            let shining = group.into_iter().filter(move |(_, own)| countable(*own) > 0.0);
+            shining.map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
+        });
+        let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !is_infinite(record));
+        out.finite = lights.len();
+        lights.extend(infinite);
+        // Sums are whole steps, so that their differences are exact.
+        let floor = if (lights.len() as f64) < 0.5 * STEPS { 1.0 } else { 0.0 };
+        let (mut sum, count) = (0.0_f64, lights.len());
+        for (i, (mut record, power, share)) in lights.into_iter().enumerate() {
+            sum += share * (STEPS - floor * count as f64) + floor;
+            let before = out.sums.last().copied().unwrap_or(0.0);
+            let after = if i + 1 == count { 1.0 } else { ((sum + 1e-6).floor() / STEPS).min(1.0) as f32 };
+            record.probability = after - before;
+            match record.kind {
+                AREA => {
+                    out.emission_pdfs.resize(geometry.triangles.len(), 0.0);
+                    let triangle = record.triangle as usize;
+                    out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
                 }
-                out.records.push(record);
-                out.sums.push(sum as f32);
+                SKY => out.lighting.environment_probability = record.probability,
+                _ => (),
             }
+            out.records.push(record);
+            out.sums.push(after);
+            out.powers.push(power as f32);
         }
         out.lighting.light_count = out.sums.len() as u32;
         if out.records.is_empty() {
@@ -233,6 +260,10 @@ fn record(light: &Light) -> LightRecord {
 /// A column as the shaders' matrices have it.
 fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
+}
+
+fn is_infinite(record: &LightRecord) -> bool {
+    matches!(record.kind, DIRECTIONAL | SKY)
 }
 
 /// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.

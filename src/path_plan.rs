@@ -5,8 +5,8 @@ use std::fmt;
 use crate::gpu::Capabilities;
 use crate::layouts::PathVertex;
 use crate::plan::PlannedPass;
-use crate::scene::{Scene, SceneStats};
-use crate::settings::{Method, Settings, UNLIMITED};
+use crate::scene::{Light, Scene, SceneStats};
+use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
 
 /// Bounces that nothing reaches: roulette ends paths long before.
 const ENDLESS: u32 = 1 << 24;
@@ -23,6 +23,8 @@ pub struct PathPlan {
     pub flags: Vec<&'static str>,
     /// Bounces of a path at most.
     pub bounces: u32,
+    /// How surfaces choose their lights.
+    pub light_sampling: LightSampling,
     /// Pixels whose subpaths are traced together, so that what is stored of them can be bound.
     pub group: u32,
     /// Bytes of the stored light subpaths.
@@ -37,6 +39,12 @@ impl PathPlan {
     pub fn new(scene: &Scene, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
         let both_sides = settings.method == Method::RayQuery;
         let glossy = stats.glossy_triangles > 0;
+        let somewhere = scene.lights.iter().filter(|l| !matches!(l, Light::Directional { .. })).count();
+        let light_sampling = settings.light_sampling.unwrap_or(if somewhere + stats.emissive_triangles > 1 {
+            LightSampling::Tree
+        } else {
+            LightSampling::Power
+        });
         let flags = [
             ("TEXTURES", stats.texels > 0),
             ("VERTEX_COLORS", stats.vertex_colors),
@@ -48,6 +56,7 @@ impl PathPlan {
             ("ENVIRONMENT", stats.environment),
             ("ENVIRONMENT_MAP", stats.environment_map),
             ("LIGHT_PATHS", both_sides),
+            ("LIGHT_TREE", light_sampling == LightSampling::Tree),
         ];
         let flags = flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect();
 
@@ -82,7 +91,7 @@ impl PathPlan {
         let vertex_bytes = group * per_pixel;
         // Image, film and, where light subpaths meet the camera, splats.
         let bytes = pixels * (16 + 32 + if both_sides { 24 } else { 0 }) + vertex_bytes;
-        Self { passes, flags, bounces, group: group as u32, vertex_bytes, bytes }
+        Self { passes, flags, bounces, light_sampling, group: group as u32, vertex_bytes, bytes }
     }
 }
 
@@ -95,6 +104,7 @@ impl fmt::Display for PathPlan {
         }
         let code = if self.flags.is_empty() { "diffuse only".to_owned() } else { self.flags.join(" ") };
         writeln!(f, "shader code    {code}")?;
+        writeln!(f, "lights         chosen by {}", self.light_sampling)?;
         writeln!(f, "groups         {} pixels", self.group)?;
         write!(f, "memory         {:.1} MB beside the scene", self.bytes as f64 * 1e-6)
     }

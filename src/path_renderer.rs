@@ -6,18 +6,19 @@
 //! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
 
 use crate::film::Film;
-use crate::gpu::{Gpu, read_back};
+use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::LightTable;
+use crate::light_tree::LightTree;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
 use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Geometry, Projection, Scene, SceneStats};
-use crate::settings::{Method, OnlyStrategy, Settings};
+use crate::settings::{LightSampling, Method, OnlyStrategy, Settings};
 
 /// Samples between looks at the log.
 const BATCH: u64 = 8;
@@ -29,6 +30,8 @@ const ANY: u32 = u32::MAX;
 struct Shared {
     frame: wgpu::Buffer,
     paths: wgpu::Buffer,
+    emitter_records: wgpu::Buffer,
+    light_nodes: Option<wgpu::Buffer>,
 }
 
 /// Buffers per pixel.
@@ -69,10 +72,17 @@ impl<'gpu> PathRenderer<'gpu> {
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
-        let table = LightTable::new(scene, &geometry, both_sides);
+        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        let mut table = LightTable::new(scene, &geometry, both_sides);
+        let mut light_nodes = None;
+        if plan.light_sampling == LightSampling::Tree {
+            let tree = LightTree::new(&table, scene, &geometry);
+            table.records.iter_mut().zip(&tree.leaves).for_each(|(record, leaf)| record.leaf = *leaf);
+            check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
+            light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
+        }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         gpu_scene.accelerate(gpu, scene, &geometry)?;
-        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
         let constants = layouts::Paths {
             seed: settings.seed,
@@ -82,6 +92,9 @@ impl<'gpu> PathRenderer<'gpu> {
             only_s: ANY,
             only_t: ANY,
             splat_scale: splat_scale(table.power, gpu_scene.sphere().1),
+            even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
+            tree_lights: table.finite as u32,
+            tree_share: table.finite_share(),
             ..Default::default()
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");
@@ -91,7 +104,12 @@ impl<'gpu> PathRenderer<'gpu> {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
             eye_paths: EyePaths::new(gpu, &plan.flags),
             resolve: Resolve::new(gpu, &plan.flags),
-            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths") },
+            shared: Shared {
+                frame,
+                paths: gpu.uniform::<layouts::Paths>("paths"),
+                emitter_records: gpu.upload("emitter_records", &table.emitter_records()),
+                light_nodes,
+            },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
                 film: gpu.storage("film", pixels * 32),
@@ -127,10 +145,12 @@ impl<'gpu> PathRenderer<'gpu> {
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
             ("paths", self.shared.paths.as_entire_binding()),
+            ("emitter_records", self.shared.emitter_records.as_entire_binding()),
             ("radiance", self.pixels.radiance.as_entire_binding()),
             ("film", self.pixels.film.as_entire_binding()),
             ("log", self.pixels.log.as_entire_binding()),
         ]);
+        bindings.extend(self.shared.light_nodes.as_ref().map(|nodes| ("light_nodes", nodes.as_entire_binding())));
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
         }
@@ -207,6 +227,19 @@ impl Progressive for PathRenderer<'_> {
             ..self.stats.clone()
         }
     }
+}
+
+/// Whether the device can bind so many bytes of what only many lights need.
+fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError> {
+    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    if bytes as u64 <= limit {
+        return Ok(());
+    }
+    let text = format!(
+        "the scene's lights: {what} would need a binding of {bytes} bytes; the adapter's limit is {limit}: use \
+         --light-sampling power, fewer lights or --method reference"
+    );
+    Err(GpuError::Device(text).into())
 }
 
 /// Units of the splats per unit of radiance: a power of two that gives the scene's mean radiance 32 bits below the point and

@@ -123,6 +123,18 @@ pub enum Strategies {
     Paper,
 }
 
+/// How a surface chooses the light that it is joined to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightSampling {
+    /// All alike.
+    Uniform,
+    /// By power, wherever the surface is.
+    Power,
+    /// By power, distance and orientation, through a tree.
+    Tree,
+}
+
 /// The name that the command line knows a value by.
 fn name(value: &impl clap::ValueEnum) -> String {
     value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
@@ -135,6 +147,12 @@ impl fmt::Display for Method {
 }
 
 impl fmt::Display for Visibility {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for LightSampling {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&name(self))
     }
@@ -181,6 +199,9 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
+    /// How a surface chooses its light [default: tree where more than one light is somewhere, else power]
+    #[arg(long, value_enum, help_heading = RAYS)]
+    pub light_sampling: Option<LightSampling>,
     /// The one strategy that counts, for images per strategy.
     #[arg(skip)]
     pub only: Option<OnlyStrategy>,
@@ -213,6 +234,9 @@ pub struct Settings {
 /// Heading of the options that only raster has.
 const RASTER: &str = "Options of raster";
 
+/// Heading of the options that only paths of each pixel have.
+const RAYS: &str = "Options of ray-query and path";
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -226,6 +250,7 @@ impl Default for Settings {
             visibility: Visibility::Exact,
             strategies: Strategies::All,
             beta: None,
+            light_sampling: None,
             only: None,
             bundle_resolution: None,
             light_resolution: None,
@@ -297,10 +322,7 @@ impl Settings {
                 return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
             }
         }
-        if self.method != Method::Raster {
-            self.check_foreign()?;
-        }
-        Ok(())
+        self.check_foreign()
     }
 
     /// Exponent of the MIS heuristic.
@@ -321,19 +343,23 @@ impl Settings {
     fn check_foreign(&self) -> Result<(), OutOfRange> {
         let default = Self::default();
         let shares = self.method.shares_subpaths();
+        let raster = self.method == Method::Raster;
+        let paths = matches!(self.method, Method::RayQuery | Method::Path);
         let judge = self.method == Method::Reference;
-        let visibility = (self.visibility != default.visibility).then(|| self.visibility.to_string());
+        let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
-        let room = (self.list_room != default.list_room).then(|| self.list_room.to_string());
+        let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
         let changed = [
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
+            ("--light-sampling", self.light_sampling.filter(|_| !paths).map(|l| l.to_string()), "ray-query and path"),
         ];
-        let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string()), "raster"));
+        let resolutions =
+            self.resolutions().map(|(option, r)| (option, r.filter(|_| !raster).map(|r| r.to_string()), "raster"));
         match changed.into_iter().chain(resolutions).find_map(|(option, value, whose)| Some((option, value?, whose))) {
             Some((option, value, whose)) => {
                 Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.method) })
@@ -379,6 +405,7 @@ mod tests {
             Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
+            Settings { method: Method::Path, light_sampling: Some(LightSampling::Tree), ..base.clone() },
         ];
         for settings in good {
             assert_eq!(settings.check(), Ok(()), "{settings:?}");
@@ -401,7 +428,8 @@ mod tests {
             ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(-0.1), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(f32::NAN), ..base.clone() }),
-            ("--focus", Settings { focus: Some(0.0), ..base }),
+            ("--focus", Settings { focus: Some(0.0), ..base.clone() }),
+            ("--light-sampling", Settings { light_sampling: Some(LightSampling::Tree), ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),

@@ -22,6 +22,8 @@ modules!(
     "lib/frame",
     "lib/light_vertex",
     "lib/lighting",
+    "lib/light_choice",
+    "lib/light_tree",
     "lib/lights",
     "lib/mis",
     "lib/mis_subpaths",
