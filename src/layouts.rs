@@ -193,21 +193,17 @@ layouts! {
         cos_inner: f32,
         cos_outer: f32,
         falloff: u32,
-        leaf: u32,
+        trail: u32,
     }
 
     /// A node of the tree that lights are chosen by.
     struct LightNode in "eye_paths" {
-        low: [f32; 3],
+        center: [f32; 3],
+        radius2: f32,
         strength: f32,
-        high: [f32; 3],
         child: u32,
-        axis: [f32; 3],
-        parent: u32,
-        cos_normals: f32,
-        cos_falloff: f32,
-        two_sided: u32,
-        pad: u32,
+        axis: u32,
+        cosines: u32,
     }
 
     /// A vertex of a light subpath of the path methods; the host only needs its size.

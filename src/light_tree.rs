@@ -13,12 +13,13 @@ use crate::layouts::{LightNode, LightRecord};
 use crate::light_table::{AREA, LightTable};
 use crate::scene::{Geometry, Scene};
 
-/// Bit of `LightNode.child`: the rest is a light.
+// Bits of `LightNode.child`, as in the shader.
 const LEAF: u32 = 1 << 31;
+const MIRRORED: u32 = 1 << 30;
 /// Intervals along an axis between which a node may be split.
 const BINS: usize = 12;
-/// Levels after which a node is split in the middle, so that no row of lights makes a list of the tree.
-const DEEP: u32 = 48;
+/// Levels of a tree at most: a light's way down has as many bits.
+const LEVELS: u32 = 32;
 /// Radians by which cones are too wide, so that rounding hides no light.
 const SLACK: f32 = 1e-3;
 
@@ -26,8 +27,8 @@ const SLACK: f32 = 1e-3;
 pub struct LightTree {
     /// The root first, children beside each other; one that nothing reaches where no light is anywhere.
     pub nodes: Vec<LightNode>,
-    /// The leaf of each light of the table that has one.
-    pub leaves: Vec<u32>,
+    /// The way down to each light of the table that has one, the first level in the lowest bit.
+    pub trails: Vec<u32>,
 }
 
 /// Where lights are and where they shine.
@@ -53,39 +54,50 @@ impl LightTree {
         let finite = table.records.iter().zip(&table.powers).take(table.finite);
         let lights: Vec<Bounds> = finite.map(|(record, power)| bounds(record, *power, scene, geometry)).collect();
         let mut nodes = vec![LightNode::default()];
-        let mut leaves = vec![0; lights.len()];
+        let mut trails = vec![0; lights.len()];
         let mut order: Vec<u32> = (0..lights.len() as u32).collect();
-        // Node, first and last light in the order, level.
-        let mut open = vec![(0, 0, order.len(), 0)];
-        while let Some((node, from, to, level)) = open.pop() {
+        // Node, first and last light in the order, level, the way there.
+        let mut open = vec![(0, 0, order.len(), 0, 0)];
+        while let Some((node, from, to, level, trail)) = open.pop() {
             let part = &mut order[from..to];
             let Some(all) = part.iter().map(|&l| lights[l as usize]).reduce(Bounds::and) else { break };
             let child = if let [light] = *part {
-                leaves[light as usize] = node;
+                trails[light as usize] = trail;
                 LEAF | light
             } else {
                 let middle = split(part, &lights, &all, level);
-                let first = nodes.len() as u32;
-                nodes.extend([LightNode { parent: node, ..Default::default() }; 2]);
-                open.extend([(first, from, from + middle, level + 1), (first + 1, from + middle, to, level + 1)]);
-                first
+                let first = nodes.len();
+                nodes.extend([LightNode::default(); 2]);
+                let below = level + 1;
+                open.push((first, from, from + middle, below, trail));
+                open.push((first + 1, from + middle, to, below, trail | 1 << level));
+                first as u32
             };
-            let parent = nodes[node as usize].parent;
-            nodes[node as usize] = LightNode {
-                low: all.low.to_array(),
+            nodes[node] = LightNode {
+                center: all.center().to_array(),
+                // What rounding moves is inside, too.
+                radius2: (0.25 * all.low.distance_squared(all.high)) * (1.0 + 1e-5),
                 strength: all.strength,
-                high: all.high.to_array(),
-                child,
-                axis: all.axis.to_array(),
-                parent,
-                cos_normals: all.normals.cos(),
-                cos_falloff: (all.falloff + SLACK).min(PI).cos(),
-                two_sided: u32::from(all.two_sided),
-                pad: 0,
+                child: child | if all.two_sided { MIRRORED } else { 0 },
+                axis: octahedral(all.axis),
+                cosines: snorm(all.normals.cos(), f32::floor)
+                    | snorm((all.falloff + SLACK).min(PI).cos(), f32::floor) << 16,
             };
         }
-        Self { nodes, leaves }
+        Self { nodes, trails }
     }
+}
+
+fn snorm(v: f32, round: fn(f32) -> f32) -> u32 {
+    u32::from(round(v.clamp(-1.0, 1.0) * 32_767.0) as i16 as u16)
+}
+
+/// A unit vector as two 16-bit numbers.
+fn octahedral(v: Vec3) -> u32 {
+    let v = v / (v.x.abs() + v.y.abs() + v.z.abs());
+    let sign = |a: f32| if a >= 0.0 { 1.0 } else { -1.0 };
+    let [x, y] = if v.z >= 0.0 { [v.x, v.y] } else { [(1.0 - v.y.abs()) * sign(v.x), (1.0 - v.x.abs()) * sign(v.y)] };
+    snorm(x, f32::round) | snorm(y, f32::round) << 16
 }
 
 /// What is known of one light.
@@ -188,7 +200,9 @@ fn split(part: &mut [u32], lights: &[Bounds], all: &Bounds, level: u32) -> usize
         (((center(light)[axis] - low[axis]) / extent[axis] * BINS as f32) as usize).min(BINS - 1)
     };
     let mut best: Option<(f32, usize, usize)> = None;
-    if level < DEEP {
+    // What is left has to fit below, even if one half gets all but one light.
+    let room = LEVELS - 1 - level;
+    if room > 0 && part.len() as u64 - 1 <= 1 << (room - 1).min(62) {
         for axis in (0..3).filter(|&axis| extent[axis] > 0.0 && extent[axis].is_finite()) {
             let mut bins = [None::<Bounds>; BINS];
             for &light in &*part {
@@ -243,50 +257,59 @@ mod tests {
         LightRecord { position: position.to_array(), probability: 0.1, ..Default::default() }
     }
 
-    /// Each light has one leaf, parents are those of their children, and hold all that these hold.
+    /// Each light is at the end of its way, and nodes hold what those below them hold.
     #[test]
     fn a_tree_holds_every_light_once() {
         let scattered = |i: u32| Vec3::new((i * 7 % 101) as f32, (i * 13 % 37) as f32, (i % 5) as f32);
         for (what, records) in [
             ("scattered", (0..500).map(|i| at(scattered(i))).collect::<Vec<_>>()),
             ("in one place", vec![at(Vec3::ONE); 300]),
-            ("each ten times as far", (0..40).map(|i| at(Vec3::X * 10_f32.powi(i - 20))).collect()),
+            ("each twice as far", (0..60).map(|i| at(Vec3::X * 2_f32.powi(i - 30))).collect()),
             ("one", vec![at(Vec3::X)]),
         ] {
             let count = records.len();
             let tree = tree(records.clone());
             assert_eq!(tree.nodes.len(), 2 * count - 1, "{what}");
-            let mut met = vec![0; count];
             let mut deepest = 0;
-            for (i, node) in tree.nodes.iter().enumerate() {
-                if node.child & LEAF != 0 {
-                    let light = (node.child & !LEAF) as usize;
-                    met[light] += 1;
-                    assert_eq!(tree.leaves[light] as usize, i, "{what}");
-                    assert_eq!(node.low, records[light].position, "{what}");
-                    let mut levels = 0;
-                    let mut up = i;
-                    while up != 0 {
-                        up = tree.nodes[up].parent as usize;
-                        levels += 1;
+            for (light, &trail) in tree.trails.iter().enumerate() {
+                let position = Vec3::from(records[light].position);
+                let mut node = &tree.nodes[0];
+                let mut level = 0;
+                loop {
+                    let away = Vec3::from(node.center).distance_squared(position);
+                    assert!(away <= node.radius2 * (1.0 + 1e-4), "{what}: {node:?} {position}");
+                    if node.child & LEAF != 0 {
+                        break;
                     }
-                    deepest = deepest.max(levels);
-                } else {
-                    for child in [node.child, node.child + 1] {
-                        let child = &tree.nodes[child as usize];
-                        assert_eq!(child.parent as usize, i, "{what}");
-                        let holds = |low: f32, high: f32, a: f32, b: f32| low <= a && b <= high;
-                        assert!(
-                            (0..3).all(|k| holds(node.low[k], node.high[k], child.low[k], child.high[k])),
-                            "{what}"
-                        );
-                    }
+                    node = &tree.nodes[(node.child + (trail >> level & 1)) as usize];
+                    level += 1;
                 }
+                assert_eq!((node.child & !LEAF) as usize, light, "{what}");
+                assert_eq!(node.center, records[light].position, "{what}");
+                deepest = deepest.max(level);
             }
-            assert!(met.iter().all(|&n| n == 1), "{what}");
-            assert!(deepest <= DEEP + 9, "{what}: {deepest} levels");
+            assert!(deepest <= LEVELS, "{what}: {deepest} levels");
+            println!("{what}: {deepest} levels");
         }
         assert_eq!(tree(Vec::new()).nodes.len(), 1, "a binding has no length of 0");
+    }
+
+    #[test]
+    fn axes_and_cosines_survive_packing() {
+        let unpacked = |bits: u32| f32::from(bits as u16 as i16) / 32_767.0;
+        for v in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Z, Vec3::new(0.3, -0.8, -0.2).normalize()] {
+            let bits = octahedral(v);
+            let (x, y) = (unpacked(bits), unpacked(bits >> 16));
+            let z = 1.0 - x.abs() - y.abs();
+            let below = (-z).max(0.0);
+            let fold = |a: f32| a - if a >= 0.0 { below } else { -below };
+            let back = Vec3::new(fold(x), fold(y), z).normalize();
+            assert!(back.distance(v) < 0.1 * SLACK, "{v} is {back}");
+        }
+        for c in [-1.0, -0.3, 0.0, 0.999, 1.0_f32] {
+            let back = unpacked(snorm(c, f32::floor));
+            assert!(back <= c && back > c - 1e-4, "{c} is {back}");
+        }
     }
 
     /// Both cones lie in what `cone` says, which is no wider than it has to be.

@@ -77,7 +77,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let mut light_nodes = None;
         if plan.light_sampling == LightSampling::Tree {
             let tree = LightTree::new(&table, scene, &geometry);
-            table.records.iter_mut().zip(&tree.leaves).for_each(|(record, leaf)| record.leaf = *leaf);
+            table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
             check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
             light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
         }

@@ -12,6 +12,8 @@ const POWER: f32 = 150.0;
 /// Half of the hall's sides along x and z, and its height, metres.
 const HALF: f32 = 4.0;
 const HEIGHT: f32 = 3.0;
+/// Where the camera stands.
+const EYE: Vec3 = Vec3::new(-3.6, 1.7, 3.6);
 /// Metres that a light keeps from walls and pillars: nothing else bounds how bright a point light makes them.
 const CLEARANCE: f32 = 0.06;
 /// Flakes that hang in the hall at least, shining or not, so that the geometry is the same for fewer lights.
@@ -23,7 +25,8 @@ const STRENGTHS: u32 = 6;
 const CELLS: u32 = 64;
 const CELL_SHIFT: u32 = 24;
 
-/// Flakes, `lights` of which shine, on one side. The hall is divided into cells of one colour each, and within a cell flakes lie in
+/// Flakes, `lights` of which shine, on one side, the one that the camera does not see: pictures show what they light, and not how
+/// small they are. The hall is divided into cells of one colour each, and within a cell flakes lie in
 /// the order of a space-filling curve: builders of acceleration structures may go by the order of triangles.
 pub(super) fn emitters(lights: u32) -> Scene {
     let mut scene = hall();
@@ -36,8 +39,9 @@ pub(super) fn emitters(lights: u32) -> Scene {
     let mut power = 0.0;
     for (i, center) in (0..).zip(places) {
         let normal = number.direction();
+        let normal = if normal.dot(center - EYE) < 0.0 { -normal } else { normal };
         // Areas, and so powers, over a factor of 100.
-        let right = normal.any_orthonormal_vector() * (0.05 * spacing * 10.0_f32.powf(number.next()));
+        let right = normal.any_orthonormal_vector() * (0.03 * spacing * 10.0_f32.powf(number.next()));
         let up = normal.cross(right) * 1.2;
         // Evenly spread over the flakes.
         let share = |count: u32| u64::from(count) * u64::from(lights) / u64::from(flakes);
@@ -89,7 +93,8 @@ pub(super) fn points(lights: u32) -> Scene {
 
 /// Floor, ceiling, walls, partitions that leave doors, and pillars.
 fn hall() -> Scene {
-    let mut scene = Scene { cameras: vec![camera([-3.6, 1.7, 3.6], [0.4, 0.9, -1.8], 78.0)], ..Scene::default() };
+    let mut scene =
+        Scene { cameras: vec![camera(EYE.as_dvec3().to_array(), [0.4, 0.9, -1.8], 78.0)], ..Scene::default() };
     let colors =
         [[0.75, 0.73, 0.7], [0.75; 3], [0.7, 0.3, 0.25], [0.3, 0.55, 0.35], [0.35, 0.4, 0.65], [0.7, 0.65, 0.5]];
     let room = [Vec3::new(-HALF, 0.0, -HALF), Vec3::new(HALF, HEIGHT, HALF)];
