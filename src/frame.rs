@@ -9,23 +9,24 @@ use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe;
 use crate::layouts;
-use crate::lights::{Lights, uniform_sphere};
+use crate::light_table::LightTable;
 use crate::passes::accumulate::Accumulate;
 use crate::passes::connect::Connect;
 use crate::passes::depth_maps::DepthMaps;
 use crate::passes::extend::Extend;
 use crate::passes::eye_vertices::EyeVertices;
 use crate::passes::gbuffer::GBuffer;
+use crate::passes::light_point::LightPoint;
 use crate::passes::light_subpath::LightSubpath;
 use crate::passes::rsm::Rsm;
 use crate::passes::view_lists::ViewLists;
 use crate::passes::view_setup::ViewSetup;
 use crate::pixels::PixelBuffers;
 use crate::plan::{Connection, Extension, FramePlan};
-use crate::sampler::{Decision, Sampler};
+use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
 use crate::settings::Settings;
-use crate::view::{ViewBuffers, parallel, perspective};
+use crate::view::{ViewBuffers, parallel};
 
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
@@ -33,18 +34,20 @@ pub struct Frame {
     view_setup: Option<ViewSetup>,
     view_lists: Option<ViewLists>,
     depth_maps: Option<DepthMaps>,
+    light_point: Option<LightPoint>,
     rsm: Option<Rsm>,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
     eye_vertices: EyeVertices,
     connections: Vec<(Connection, wgpu::Buffer)>,
     connects: Vec<((u32, bool), Connect)>,
+    extensions: Vec<(Extension, wgpu::Buffer)>,
     extends: Vec<(Extension, Extend)>,
     accumulate: Accumulate,
     /// Around the light vertices, then the bundles.
     views: Vec<ViewBuffers>,
-    /// The light that `views[0]` was made for.
-    light_in_view: Option<usize>,
+    /// The light without extent that `views[0]` was made for.
+    light_in_view: Option<u32>,
     pixels: PixelBuffers,
     empty_draw: wgpu::Buffer,
     light_vertices: wgpu::Buffer,
@@ -69,27 +72,25 @@ impl Frame {
             (false, false) => &[],
         };
 
-        let connections: Vec<_> = plan
-            .connections
-            .iter()
-            .map(|c| {
-                let uniform = gpu.uniform::<layouts::Strategy>("strategy");
-                let strategy = layouts::Strategy {
-                    allowed: c.allowed.map(|a| f32::from(u8::from(a))),
-                    s: c.s,
-                    j: c.j,
-                    clamp_distance: settings.paper_clamp * 2.0 * scene.sphere().1,
-                    ..Default::default()
-                };
-                gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
-                (*c, uniform)
-            })
-            .collect();
+        let strategy = |allowed: [bool; 4], s, j| {
+            let uniform = gpu.uniform::<layouts::Strategy>("strategy");
+            let strategy = layouts::Strategy {
+                allowed: allowed.map(|a| f32::from(u8::from(a))),
+                s,
+                j,
+                clamp_distance: settings.paper_clamp * 2.0 * scene.sphere().1,
+                ..Default::default()
+            };
+            gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
+            uniform
+        };
+        let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.allowed, c.s, c.j))).collect();
+        let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.allowed, 0, e.j))).collect();
+        let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
         let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
         for c in &plan.connections {
             if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                let rsm: &[&str] = if c.s == 1 && plan.light_vertices > 1 { &["RSM"] } else { &[] };
-                let flags = with(&[visibility, rsm].concat());
+                let flags = with(&[visibility, if c.s == 1 { rsm } else { &[] }].concat());
                 connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
             }
         }
@@ -117,12 +118,15 @@ impl Frame {
             view_setup: (!plan.rays).then(|| ViewSetup::new(gpu)),
             view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
-            rsm: (plan.light_vertices > 1).then(|| Rsm::new(gpu, &with(visibility))),
-            light_subpath: (plan.light_vertices > 1).then(|| LightSubpath::new(gpu, &with(visibility))),
+            light_point: (plan.light_vertices > 0).then(|| LightPoint::new(gpu, &with(&plan.light_flags))),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(visibility))),
+            light_subpath: (plan.light_vertices > 1)
+                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections,
             connects,
+            extensions,
             extends,
             accumulate: Accumulate::new(gpu),
             light_in_view: None,
@@ -145,42 +149,40 @@ impl Frame {
         gpu: &Gpu,
         scene: &GpuScene,
         camera: &Camera,
-        lights: &Lights,
+        lights: &LightTable,
         settings: &Settings,
         iteration: u64,
         batch_index: u32,
     ) {
         let sampler = Sampler::new(settings.seed, iteration);
-        let light = if self.plan.light_vertices > 0 { lights.choose(sampler.get(Decision::Light)) } else { None };
-        let uniform = describe(scene, camera, light.as_ref(), settings, &sampler, iteration, batch_index);
+        let light = lights.choose(sampler.get(Decision::Light));
+        let uniform = describe(scene, camera, light.unwrap_or(0), settings, &sampler, iteration, batch_index);
         gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut commands;
         let light_vertices = self.plan.light_vertices as usize;
 
-        // y0: everything that the light can see. Kept while the light stays the same.
-        if let Some(light) = light.filter(|l| self.light_in_view != Some(l.index)) {
-            let look = if light.kind == 2 {
-                parallel(light.direction, scene.bounds, 0.0, None, self.views[0].resolution)
-            } else {
-                perspective(light.position, scene.sphere().1)
-            };
-            self.views[0].look(gpu, &look);
+        // y0, and everything that it can see; kept while a light without extent stays the same.
+        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
+        let started = self.light_point.as_ref().zip(light);
+        if let Some((pass, light)) = started.filter(|(_, light)| self.light_in_view != Some(*light)) {
+            let record = &lights.records[light as usize];
+            self.views[0].looks(if record.is_infinite() { 1 } else { 6 });
+            pass.record(gpu, encoder, scene, &self.pixels.frame, &self.views[0]);
             self.fill(gpu, encoder, scene, 0);
-            if let Some(pass) = &self.rsm {
-                pass.record(gpu, encoder, scene, &self.pixels.frame, &self.views[0]);
+            if let Some(rsm) = self.rsm.as_ref().filter(|_| record.is_fixed()) {
+                rsm.record(gpu, encoder, scene, &pass.y0, &self.views[0]);
             }
-            self.light_in_view = Some(light.index);
+            self.light_in_view = record.is_fixed().then_some(light);
         }
 
         // y1, y2: VPLs, and everything that each can see (section 4.1).
-        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
-        if let (Some(pass), Some(rsm), Some(_)) = (&self.light_subpath, rsm, light) {
+        if let (Some(pass), Some((LightPoint { y0, .. }, _))) = (&self.light_subpath, started) {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
                 let vertices = &self.light_vertices;
-                pass.record(gpu, encoder, scene, &self.pixels.frame, rsm, vertex as u32, from, vertices, next);
+                pass.record(gpu, encoder, scene, &self.pixels.frame, y0, rsm, vertex as u32, from, vertices, next);
                 self.fill(gpu, encoder, scene, vertex);
             }
         }
@@ -202,17 +204,15 @@ impl Frame {
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=settings.bounces + 1 {
             for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
-                let Some((_, pass)) = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped))
-                else {
-                    continue;
-                };
+                let pass = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped));
+                let (Some((_, pass)), Some((LightPoint { y0, .. }, _))) = (pass, started) else { continue };
                 let view = &self.views[connection.s as usize - 1];
-                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, &self.light_vertices, rsm);
+                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, y0, &self.light_vertices, rsm);
             }
-            let Some(extension) = self.plan.extensions.get(j as usize - 1) else { continue };
+            let Some((extension, strategy)) = self.extensions.get(j as usize - 1) else { continue };
             let Some((_, pass)) = self.extends.iter().find(|(other, _)| other.same_code(extension)) else { continue };
             let bundle = &self.views[light_vertices + j as usize - 1];
-            pass.record(gpu, encoder, scene, &self.pixels, bundle);
+            pass.record(gpu, encoder, scene, &self.pixels, strategy, bundle);
         }
 
         // The film, unless a list ran out of room.

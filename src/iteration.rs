@@ -4,7 +4,6 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use crate::gpu_scene::GpuScene;
 use crate::layouts;
-use crate::lights::ChosenLight;
 use crate::sampler::{Decision, Sampler};
 use crate::scene::{Camera, Projection};
 use crate::settings::Settings;
@@ -14,7 +13,7 @@ use crate::settings::Settings;
 pub fn describe(
     scene: &GpuScene,
     camera: &Camera,
-    light: Option<&ChosenLight>,
+    light: u32,
     settings: &Settings,
     sampler: &Sampler,
     iteration: u64,
@@ -27,6 +26,8 @@ pub fn describe(
         clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
         samples: (iteration + 1) as f32,
         jitter,
+        light,
+        y0_random: sampler.get2(Decision::Y0),
         y1_random: sampler.get2(Decision::Y1),
         y2_random: sampler.get2(Decision::Y2),
         iteration: batch_index,
@@ -38,17 +39,6 @@ pub fn describe(
         let shift = camera.world_from_camera.transform_vector3(shift.extend(0.0));
         out.camera_position = (position + shift).to_array();
         out.camera_forward = (forward - shift / focus).to_array();
-    }
-    if let Some(light) = light {
-        out.light_kind = light.kind;
-        out.light_pdf_w = light.pdf;
-        out.light_position = light.position.to_array();
-        out.light_direction = light.direction.to_array();
-        out.light_intensity = light.intensity.to_array();
-        [out.light_cos_inner, out.light_cos_outer] = light.cosines;
-        out.light_falloff = light.falloff;
-        out.light_right = light.direction.any_orthonormal_vector().to_array();
-        out.light_radius = scene.sphere().1;
     }
     out
 }
@@ -68,7 +58,6 @@ pub fn describe_camera(camera: &Camera, settings: &Settings) -> layouts::Frame {
         camera_up: up.to_array(),
         height: settings.height,
         camera_forward: forward.to_array(),
-        light_kind: 3,
         beta: settings.beta(),
         ..Default::default()
     }

@@ -104,32 +104,22 @@ layouts! {
         camera_forward: [f32; 3],
         samples: f32,
         jitter: [f32; 2],
-        light_kind: u32,
-        light_pdf_w: f32,
-        light_position: [f32; 3],
-        light_cos_inner: f32,
-        light_direction: [f32; 3],
-        light_cos_outer: f32,
-        light_intensity: [f32; 3],
-        light_falloff: u32,
-        light_right: [f32; 3],
-        light_radius: f32,
+        y0_random: [f32; 2],
         y1_random: [f32; 2],
         y2_random: [f32; 2],
+        light: u32,
         beta: f32,
         iteration: u32,
-        pad0: u32,
-        pad1: u32,
+        pad: u32,
     }
 
     /// A strategy's constants.
     struct Strategy in "connect" {
-        allowed: [f32; 3],
+        allowed: [f32; 4],
         s: u32,
         j: u32,
         clamp_distance: f32,
-        pad0: u32,
-        pad1: u32,
+        pad: u32,
     }
 
     /// What a view wanted and what it had.
@@ -172,14 +162,12 @@ layouts! {
         environment_rows_at_poles: u32,
         center: [f32; 3],
         radius: f32,
+        half_extent: [f32; 3],
         light_count: u32,
         environment_probability: f32,
         environment_integral: f32,
         environment_bands: u32,
         environment_columns: u32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
     }
 
     /// A light of the table that subpaths choose from.
@@ -245,6 +233,20 @@ layouts! {
         pad2: u32,
     }
 
+    /// Where a light subpath starts.
+    struct LightPoint in "light_point" {
+        position: [f32; 3],
+        kind: u32,
+        direction: [f32; 3],
+        triangle: u32,
+        value: [f32; 3],
+        p: f32,
+        index: u32,
+        two_sided: u32,
+        pad0: u32,
+        pad1: u32,
+    }
+
     /// A ray from a light, drawn or asked about.
     struct LightDraw in "light_draws" {
         w: [f32; 3],
@@ -255,8 +257,11 @@ layouts! {
 
     /// What the weights of random paths are taken for.
     struct PathWeights in "path_weights" {
-        allowed: [f32; 3],
+        allowed: [f32; 4],
         beta: f32,
+        kind: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// A vertex of the light subpath; the host only needs its size.
@@ -270,7 +275,7 @@ layouts! {
         wi: [f32; 3],
         here: f32,
         bsdf: [[f32; 4]; 5],
-        back: f32,
+        q0: f32,
         pad0: f32,
         pad1: f32,
         pad2: f32,

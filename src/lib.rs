@@ -88,7 +88,6 @@ pub mod iteration;
 pub mod layouts;
 pub mod light_table;
 pub mod light_tree;
-pub mod lights;
 pub mod metrics;
 pub mod passes;
 pub mod path_plan;

@@ -1,4 +1,4 @@
-//! All lights of a scene in one table for subpaths (shaders/lib/lights.wesl): punctual lights, emissive triangles, environment.
+//! All lights of a scene in one table for subpaths (shaders/lib/light.wesl): punctual lights, emissive triangles, environment.
 //!
 //! One of each subpath's or connection's lights is chosen by its share: within its group by power, the groups half by power and half
 //! evenly, since a sun may be strong elsewhere and dark here.
@@ -8,16 +8,26 @@ use std::f32::consts::PI;
 use glam::{Mat3, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
-use crate::lights;
 use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFalloff};
 
 /// Rec. 709 luminance.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-// LightRecord.kind of lib/lights.wesl.
+// LightRecord.kind of lib/light.wesl, beside point and spot.
 const DIRECTIONAL: u32 = 2;
 pub(crate) const AREA: u32 = 4;
 const SKY: u32 = 5;
+
+/// Which of the lights that a path from the camera can run into are chosen as well.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Met {
+    /// All.
+    All,
+    /// All but a sky without a map, which reflections find as well.
+    ButConstantSky,
+    /// None: they are only run into.
+    Never,
+}
 
 /// Steps of the numbers that choose: no light's probability is less than one of them.
 const STEPS: f64 = (1 << 24) as f64;
@@ -55,14 +65,13 @@ struct SkyTable {
 }
 
 impl LightTable {
-    /// Gathers the lights of a scene. `constant_sky`: whether an environment without a map takes part; next-event
-    /// estimation leaves it to the BSDFs.
+    /// Gathers the lights of a scene.
     #[must_use]
-    pub fn new(scene: &Scene, geometry: &Geometry, constant_sky: bool) -> Self {
+    pub fn new(scene: &Scene, geometry: &Geometry, chosen: Met) -> Self {
         let (center, radius) = geometry.sphere();
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
-        groups[0] = scene.lights.iter().map(|l| (record(l), lights::power(l, disc).dot(LUMINANCE))).collect();
+        groups[0] = scene.lights.iter().map(|l| (record(l), power(l, disc).dot(LUMINANCE))).collect();
 
         let radiances: Vec<f32> = scene
             .materials
@@ -72,7 +81,7 @@ impl LightTable {
                     .map_or(0.0, |e| mean(scene, &e.radiance).dot(LUMINANCE) * PI * if e.two_sided { 2.0 } else { 1.0 })
             })
             .collect();
-        for (triangle, &material) in geometry.materials.iter().enumerate() {
+        for (triangle, &material) in geometry.materials.iter().enumerate().filter(|_| chosen != Met::Never) {
             let power = radiances[material as usize] * area(geometry, triangle);
             if power != 0.0 {
                 let record = LightRecord { kind: AREA, triangle: triangle as u32, ..Default::default() };
@@ -81,13 +90,13 @@ impl LightTable {
         }
 
         let mut sky = None;
-        if let Some(environment) = &scene.environment {
+        if let Some(environment) = scene.environment.as_ref().filter(|_| chosen != Met::Never) {
             let flux = match &environment.map {
                 Some(map) => {
                     sky = SkyTable::new(map);
                     sky.as_ref().map_or(0.0, |s| s.integral * 2.0 * PI * PI)
                 }
-                None if constant_sky => 4.0 * PI,
+                None if chosen == Met::All => 4.0 * PI,
                 None => 0.0,
             };
             let power = flux * environment.radiance.dot(LUMINANCE) * disc;
@@ -99,6 +108,7 @@ impl LightTable {
             environment_from_world: Mat3::IDENTITY.to_cols_array_2d().map(padded),
             center: center.to_array(),
             radius,
+            half_extent: (0.5 * (geometry.bounds[1] - geometry.bounds[0])).to_array(),
             environment_bands: 1,
             environment_columns: 1,
             ..Default::default()
@@ -142,6 +152,13 @@ impl LightTable {
         self.sums.len() as u32
     }
 
+    /// Chooses a light by a number in [0, 1); none where nothing shines.
+    #[must_use]
+    pub fn choose(&self, u: f32) -> Option<u32> {
+        let last = self.count().checked_sub(1)?;
+        Some((self.sums.partition_point(|&sum| sum <= u) as u32).min(last))
+    }
+
     fn from_groups(
         groups: [Vec<(LightRecord, f32)>; 3],
         geometry: &Geometry,
@@ -159,7 +176,7 @@ impl LightTable {
             let shining = group.into_iter().filter(move |(_, own)| countable(*own) > 0.0);
             shining.map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
         });
-        let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !is_infinite(record));
+        let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !record.is_infinite());
         out.finite = lights.len();
         lights.extend(infinite);
         // Sums are whole steps, so that their differences are exact.
@@ -235,6 +252,29 @@ impl SkyTable {
     }
 }
 
+impl LightRecord {
+    /// Whether light subpaths always leave it from the same point, or in the same direction.
+    #[must_use]
+    pub fn is_fixed(&self) -> bool {
+        self.kind < AREA
+    }
+
+    /// Whether it is infinitely far away.
+    #[must_use]
+    pub fn is_infinite(&self) -> bool {
+        matches!(self.kind, DIRECTIONAL | SKY)
+    }
+}
+
+/// Watts of a light, per channel; of a directional one, what crosses a disc of the given area.
+fn power(light: &Light, disc: f32) -> Vec3 {
+    match *light {
+        Light::Point { intensity, .. } => 4.0 * PI * intensity,
+        Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
+        Light::Directional { irradiance, .. } => disc * irradiance,
+    }
+}
+
 fn record(light: &Light) -> LightRecord {
     let record = LightRecord::default();
     match *light {
@@ -251,19 +291,18 @@ fn record(light: &Light) -> LightRecord {
             falloff: u32::from(falloff == SpotFalloff::AngleLinear),
             ..record
         },
-        Light::Directional { direction, irradiance } => {
-            LightRecord { kind: 2, direction: direction.to_array(), intensity: irradiance.to_array(), ..record }
-        }
+        Light::Directional { direction, irradiance } => LightRecord {
+            kind: DIRECTIONAL,
+            direction: direction.to_array(),
+            intensity: irradiance.to_array(),
+            ..record
+        },
     }
 }
 
 /// A column as the shaders' matrices have it.
 fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
-}
-
-fn is_infinite(record: &LightRecord) -> bool {
-    matches!(record.kind, DIRECTIONAL | SKY)
 }
 
 /// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.

@@ -10,7 +10,7 @@ use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera;
 use crate::layouts;
-use crate::light_table::LightTable;
+use crate::light_table::{LightTable, Met};
 use crate::light_tree::LightTree;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
@@ -73,7 +73,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
-        let mut table = LightTable::new(scene, &geometry, both_sides);
+        let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
         let mut light_nodes = None;
         if plan.light_sampling == LightSampling::Tree {
             let tree = LightTree::new(&table, scene, &geometry);

@@ -11,6 +11,9 @@ use crate::view::Answers;
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
 
+/// Why nothing starts from a light.
+const NO_LIGHT: &str = "no light that subpaths start from";
+
 /// A pass of the iteration.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct PlannedPass {
@@ -29,8 +32,8 @@ pub struct Connection {
     pub s: u32,
     /// Index of the eye vertex that is joined; the strategy has j + 1 eye vertices.
     pub j: u32,
-    /// Which of s = 1, 2, 3 take part in MIS for paths of this length.
-    pub allowed: [bool; 3],
+    /// Which of s = 0, 1, 2, 3 take part in MIS for paths of this length.
+    pub allowed: [bool; 4],
     /// Whether the geometry term is bounded (the paper's (2, 3)).
     pub clamped: bool,
 }
@@ -44,6 +47,8 @@ pub struct Extension {
     pub last: bool,
     /// Whether light that it meets counts.
     pub meets: bool,
+    /// Which of s = 0, 1, 2, 3 take part in MIS for paths that end in it.
+    pub allowed: [bool; 4],
 }
 
 impl Extension {
@@ -63,8 +68,12 @@ pub struct FramePlan {
     pub surface_flags: Vec<&'static str>,
     /// Flags of light that eye subpaths can meet.
     pub light_flags: Vec<&'static str>,
-    /// Light vertices that exist: 0 without punctual lights, otherwise the light and up to two VPLs.
+    /// Light vertices that exist: 0 without lights, otherwise the light and up to two VPLs.
     pub light_vertices: u32,
+    /// Whether light subpaths also start from lights that paths from the camera can meet.
+    pub starts_from_met: bool,
+    /// Whether lights without extent have a table of what they shine at (pass rsm).
+    pub rsm: bool,
     /// Connections in order.
     pub connections: Vec<Connection>,
     /// Extensions in order; each takes a bundle of its own.
@@ -96,46 +105,48 @@ impl FramePlan {
         let counts = |s, t| settings.only.is_none_or(|only| (only.s, only.t) == (s, t));
         let unweighted = settings.only.is_some_and(|only| !only.weighted);
         let paper = settings.strategies == Strategies::Paper;
-        let light_vertices = match (stats.lights, settings.strategies) {
-            (0, _) => 0,
+        let shines = stats.environment || stats.emissive_triangles > 0;
+        // The paper meets such lights by bundles alone.
+        let starts_from_met = shines && !paper;
+        let light_vertices = match (stats.lights > 0 || starts_from_met, settings.strategies) {
+            (false, _) => 0,
             (_, Strategies::Bundle) => 1,
             (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
             _ => MOST_LIGHT_VERTICES.min(bounces + 1),
         };
-        // A path of k bounces has strategies s = 1 ... min(light vertices, k + 1).
-        let allowed = |k: u32| -> [bool; 3] {
+        // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
+        let allowed = |k: u32| -> [bool; 4] {
             let most = light_vertices.min(k + 1);
             std::array::from_fn(|i| {
-                let s = i as u32 + 1;
+                let s = i as u32;
                 s <= most
+                    && (s > 0 || shines)
                     && match settings.strategies {
                         Strategies::All | Strategies::Bundle => true,
                         Strategies::Vpl => s == most,
-                        Strategies::Paper => k < 2 || (k == 2 && s == 2),
+                        Strategies::Paper => s == 0 || k < 2 || (k == 2 && s == 2),
                     }
             })
         };
-        let connections: Vec<_> =
-            (1..=bounces + 1)
-                .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
-                .filter(|(j, s)| s + j - 2 <= bounces)
-                .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
-                .filter(|c| c.allowed[c.s as usize - 1] && counts(c.s, c.j + 1))
-                .map(|c| {
-                    if unweighted {
-                        Connection { allowed: std::array::from_fn(|i| i as u32 + 1 == c.s), ..c }
-                    } else {
-                        c
-                    }
-                })
-                .collect();
-        let shines = stats.environment || stats.emissive_triangles > 0;
-        let meets = |j: u32| shines && counts(0, j + 2);
+        // One that counts alone, with all of what it makes.
+        let alone = |s: u32, allowed: [bool; 4]| {
+            if unweighted { std::array::from_fn(|i| i as u32 == s) } else { allowed }
+        };
+        let connections: Vec<_> = (1..=bounces + 1)
+            .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
+            .filter(|(j, s)| s + j - 2 <= bounces)
+            .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
+            .filter(|c| c.allowed[c.s as usize] && counts(c.s, c.j + 1))
+            .map(|c| Connection { allowed: alone(c.s, c.allowed), ..c })
+            .collect();
+        // What the camera sees no other strategy makes.
+        let meets = |j: u32| shines && counts(0, j + 2) && (j == 0 || allowed(j - 1)[0]);
         // z_(j+1) is needed where something joins it or light can be met beyond.
         let deepest = connections.iter().map(|c| c.j).max().unwrap_or(1);
         let farthest = (1..=bounces + 1).rev().find(|&j| meets(j)).unwrap_or(0).max(deepest - 1);
-        let extensions: Vec<_> =
-            (1..=farthest).map(|j| Extension { j, last: j == bounces + 1, meets: meets(j) }).collect();
+        let extensions: Vec<_> = (1..=farthest)
+            .map(|j| Extension { j, last: j == bounces + 1, meets: meets(j), allowed: alone(0, allowed(j - 1)) })
+            .collect();
 
         let mut surface_flags = Vec::new();
         let mut flag = |name, on: bool| {
@@ -175,6 +186,8 @@ impl FramePlan {
             surface_flags,
             light_flags,
             light_vertices,
+            starts_from_met,
+            rsm: stats.lights > 0 && light_vertices > 1,
             connections,
             extensions,
             camera_meets: meets(0),
@@ -187,7 +200,7 @@ impl FramePlan {
             bytes: 0,
         };
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
-        plan.passes = plan.explain(stats, settings);
+        plan.passes = plan.explain(settings);
         plan
     }
 
@@ -266,12 +279,11 @@ impl FramePlan {
         pixels * per_pixel + views
     }
 
-    fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
+    fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {
         let mut out = Vec::new();
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let views = if self.rays { 0 } else { self.views().len() as u32 };
         let maps = if self.has_depth_maps() { self.light_vertices } else { 0 };
-        let lights = stats.lights;
         pass(
             "view_setup",
             views,
@@ -287,7 +299,7 @@ impl FramePlan {
             views - maps,
             match (self.rays, maps) {
                 (true, _) => "ray queries answer",
-                (_, 0) => "each view; the light's own is kept while the light stays the same",
+                (_, 0) => "each view; the light's own is kept while a light without extent stays the same",
                 _ => "the bundles",
             }
             .to_owned(),
@@ -296,25 +308,34 @@ impl FramePlan {
             "depth_maps",
             maps,
             if self.fast {
-                "around light vertices; the light's own is kept while it stays the same"
+                "around light vertices; the light's own is kept while a light without extent stays the same"
             } else {
                 "only `fast` has them"
             }
             .to_owned(),
         );
         pass(
+            "light_point",
+            u32::from(self.light_vertices > 0),
+            if self.light_vertices > 0 { "where the light subpath starts" } else { NO_LIGHT }.to_owned(),
+        );
+        pass(
             "rsm",
-            u32::from(self.light_vertices > 1),
-            if self.light_vertices > 1 { "once per light: where it is worth sending VPLs" } else { "no VPLs" }
-                .to_owned(),
+            u32::from(self.rsm),
+            match (self.rsm, self.light_vertices) {
+                (true, _) => "once per point, spot or directional light: where it is worth sending VPLs",
+                (_, 0 | 1) => "no VPLs",
+                _ => "no point, spot or directional light",
+            }
+            .to_owned(),
         );
         pass(
             "light_subpath",
             self.light_vertices.saturating_sub(1),
-            match (lights, self.light_vertices) {
-                (0, _) => "no point, spot or directional light".to_owned(),
-                (_, 1) => "the strategies ask for no VPLs".to_owned(),
-                (_, n) => format!("{} VPLs", n - 1),
+            match self.light_vertices {
+                0 => NO_LIGHT.to_owned(),
+                1 => "the strategies ask for no VPLs".to_owned(),
+                n => format!("{} VPLs", n - 1),
             },
         );
         pass("gbuffer", 1, "z1 of every pixel".to_owned());
@@ -322,13 +343,13 @@ impl FramePlan {
         pass(
             "connect",
             self.connections.len() as u32,
-            if lights == 0 {
-                "no point, spot or directional light".to_owned()
+            if self.light_vertices == 0 {
+                NO_LIGHT.to_owned()
             } else {
                 format!("strategies (s, t): {}", self.strategy_names())
             },
         );
-        let meets = stats.environment || stats.emissive_triangles > 0;
+        let meets = self.extensions.iter().any(|e| e.meets);
         pass(
             "extend",
             self.extensions.len() as u32,

@@ -6,8 +6,7 @@ use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
-use crate::light_table::LightTable;
-use crate::lights::Lights;
+use crate::light_table::{LightTable, Met};
 use crate::plan::FramePlan;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::Settings;
@@ -74,7 +73,7 @@ pub trait Progressive {
 pub struct Renderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
-    lights: Lights,
+    lights: LightTable,
     camera: Camera,
     settings: Settings,
     plan: FramePlan,
@@ -103,20 +102,18 @@ impl<'gpu> Renderer<'gpu> {
                 "a view of {largest} texels a side does not fit this device, whose limit is {side}"
             )));
         }
-        let table = LightTable::new(scene, &geometry, true);
+        let table = LightTable::new(scene, &geometry, if plan.starts_from_met { Met::All } else { Met::Never });
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }
-        let (center, radius) = gpu_scene.sphere();
-        let lights = Lights::new(&scene.lights, center, radius);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings);
         gpu.check()?;
         Ok(Self {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
             scene: gpu_scene,
-            lights,
+            lights: table,
             camera,
             settings: settings.clone(),
             plan,

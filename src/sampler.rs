@@ -3,6 +3,10 @@
 //! All pixels share them. Pairs of decisions that multiply (a direction and the next hop's direction) take different
 //! dimensions of the same point, so that pairs cover their square; consecutive points of one sequence would not.
 
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
 /// Points after which a scrambled sequence is replaced by another one.
 const POINTS: u64 = 1 << 16;
 
@@ -19,6 +23,8 @@ pub enum Decision {
     Pixel,
     /// Which light (1).
     Light,
+    /// Point on the light (2).
+    Y0,
     /// Point of the lens (2).
     Lens,
     /// Turn of the n-th bundle's grid (1).
@@ -36,9 +42,10 @@ impl Decision {
             Self::Bundle(1) => 6,
             Self::Pixel => 8,
             Self::Light => 10,
+            Self::Y0 => 12,
             Self::Lens => 148,
             // Further bundles take blocks of their own.
-            Self::Bundle(n) => 12 + 2 * (n - 2),
+            Self::Bundle(n) => 14 + 2 * (n - 2),
             Self::Turn(n) => 150 + 3 * n,
             Self::Shift(n) => 151 + 3 * n,
         }
@@ -84,4 +91,17 @@ impl Sampler {
         let seed = self.seed.wrapping_add((dimension / dimensions).wrapping_mul(0x9e37_79b9));
         sobol_burley::sample(self.index, dimension % dimensions, seed)
     }
+}
+
+/// Unit direction at a given cosine and azimuth around `axis`.
+fn around(axis: Vec3, cosine: f32, angle: f32) -> Vec3 {
+    let (right, up) = axis.any_orthonormal_pair();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    ((right * angle.cos() + up * angle.sin()) * sine + axis * cosine).normalize()
+}
+
+/// Uniform direction over the sphere.
+#[must_use]
+pub fn uniform_sphere([u, v]: [f32; 2]) -> Vec3 {
+    around(Vec3::Z, 1.0 - 2.0 * u, 2.0 * PI * v)
 }

@@ -109,9 +109,14 @@ impl ViewBuffers {
 
     /// Points the view somewhere; its resolution is filled in.
     pub fn look(&self, gpu: &Gpu, view: &layouts::View) {
-        self.looks_at.set(if view.kind == layouts::View::PARALLEL { 1 } else { self.faces });
+        self.looks(if view.kind == layouts::View::PARALLEL { 1 } else { self.faces });
         let view = layouts::View { resolution: self.resolution, ..*view };
         gpu.queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
+    }
+
+    /// Says how many faces it has now, where a pass points it somewhere.
+    pub fn looks(&self, faces: u32) {
+        self.looks_at.set(faces);
     }
 
     /// Texels of all faces that there is room for.
@@ -164,18 +169,6 @@ impl ViewBuffers {
 /// Pixels of an atlas: faces of a cube lie in three columns and two rows.
 fn atlas(resolution: u32, faces: u32) -> [u32; 2] {
     if faces == 6 { [3 * resolution, 2 * resolution] } else { [resolution; 2] }
-}
-
-/// All directions from a point of a scene of a given radius.
-#[must_use]
-pub fn perspective(origin: Vec3, radius: f32) -> layouts::View {
-    layouts::View {
-        origin: origin.to_array(),
-        kind: layouts::View::PERSPECTIVE,
-        scale: 1.0 / radius,
-        exclude: u32::MAX,
-        ..Default::default()
-    }
 }
 
 /// A bundle along unit `forward` through the box `bounds`, turned by `angle`.

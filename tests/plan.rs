@@ -84,6 +84,7 @@ fn without_light_only_the_camera_looks() {
         ("view_setup", 0),
         ("view_lists", 0),
         ("depth_maps", 0),
+        ("light_point", 0),
         ("rsm", 0),
         ("light_subpath", 0),
         ("gbuffer", 1),
@@ -122,7 +123,7 @@ fn a_point_light_by_number_of_bounces() {
     for k in 0..=16 {
         let of_length: Vec<_> = many.connections.iter().filter(|c| c.s + c.j - 2 == k).collect();
         assert_eq!(of_length.len() as u32, 3.min(k + 1), "bounces {k}");
-        let allowed = [true, k >= 1, k >= 2];
+        let allowed = [false, true, k >= 1, k >= 2];
         assert!(of_length.iter().all(|c| c.allowed == allowed && !c.clamped), "{of_length:?}");
     }
 }
@@ -131,9 +132,9 @@ fn a_point_light_by_number_of_bounces() {
 fn two_bounces_have_six_connections_under_mis() {
     let plan = plan(&one_light(), &bounces(2));
     let c = |s, j, allowed| Connection { s, j, allowed, clamped: false };
-    let direct = [true, false, false];
-    let once = [true, true, false];
-    let twice = [true, true, true];
+    let direct = [false, true, false, false];
+    let once = [false, true, true, false];
+    let twice = [false, true, true, true];
     let expected = [c(1, 1, direct), c(2, 1, once), c(3, 1, twice), c(1, 2, once), c(2, 2, twice), c(1, 3, twice)];
     assert_eq!(plan.connections, expected);
     let reason = &plan.passes.iter().find(|p| p.name == "connect").unwrap().reason;
@@ -155,7 +156,7 @@ fn masks_and_connections_agree() {
                 }
                 assert!(!of_length.is_empty(), "{strategy:?}, {k}: nothing makes {length} bounces");
                 for connection in &of_length {
-                    let run: [bool; 3] = std::array::from_fn(|i| of_length.iter().any(|c| c.s == i as u32 + 1));
+                    let run: [bool; 4] = std::array::from_fn(|i| of_length.iter().any(|c| c.s == i as u32));
                     assert_eq!(connection.allowed, run, "{strategy:?}, {k}: {of_length:?}");
                     seen += 1;
                 }
@@ -204,16 +205,31 @@ fn light_that_is_met_by_chance() {
             _ => &["EMISSION"],
         };
         for k in [0, 1, 2, 16] {
-            let plan = plan(&stats, &bounces(k));
-            assert_eq!(plan.light_flags, flags);
-            assert_eq!((plan.light_vertices, plan.connections.len()), (0, 0));
+            let all = plan(&stats, &bounces(k));
+            assert_eq!(all.light_flags, flags);
+            // It starts light subpaths as well, without a table; every path has been met, too.
+            assert_eq!((all.light_vertices, runs(&all, "light_point"), runs(&all, "rsm")), (3.min(k + 1), 1, 0));
+            assert_eq!(strategies(&all), strategies(&plan(&one_light(), &bounces(k))));
             let expected: Vec<_> = (1..=k + 1).map(|j| (j, j == k + 1)).collect();
-            assert_eq!(extensions(&plan), expected, "{k} bounces of light that is only met");
+            assert_eq!(extensions(&all), expected, "{k} bounces");
+            for length in 0..=k {
+                let allowed = [true, true, length >= 1, length >= 2];
+                let joined = all.connections.iter().filter(|c| c.s + c.j - 2 == length).map(|c| c.allowed);
+                let met = all.extensions.iter().filter(|e| e.j == length + 1 && e.meets).map(|e| e.allowed);
+                assert!(joined.chain(met).all(|a| a == allowed), "{length} of {k} bounces");
+            }
+            // The paper only meets it, VPLs alone never do.
+            let paper = plan(&stats, &with(Strategies::Paper, k));
+            assert_eq!((paper.light_vertices, paper.connections.len()), (0, 0));
+            assert!(extensions(&paper) == expected && paper.extensions.iter().all(|e| e.meets && e.allowed[0]));
+            let vpl = plan(&stats, &with(Strategies::Vpl, k));
+            assert!(vpl.camera_meets && vpl.extensions.iter().all(|e| !e.meets));
+            assert!(vpl.connections.iter().all(|c| !c.allowed[0]));
         }
     }
     // With a lamp as well, both kinds of strategy run.
     let both = plan(&SceneStats { environment: true, ..one_light() }, &bounces(2));
-    assert_eq!(both.connections.len(), 6);
+    assert_eq!((both.connections.len(), runs(&both, "rsm")), (6, 1));
     assert_eq!(extensions(&both), [(1, false), (2, false), (3, true)]);
 }
 

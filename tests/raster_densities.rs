@@ -8,30 +8,34 @@ use common::gpu;
 use common::statistics::{chi_square_tail, p_value};
 use glam::Vec3;
 use lightsheaf::gpu::{Compute, Gpu, read_back};
-use lightsheaf::layouts::{self, LightDraw, PathWeights};
-use lightsheaf::lights::{ChosenLight, Lights, uniform_sphere};
+use lightsheaf::layouts::{LightDraw, LightPoint, LightRecord, Lighting, PathWeights};
 use lightsheaf::passes::rsm::Rsm;
-use lightsheaf::sampler::{Decision, Sampler};
-use lightsheaf::scene::{Light, SpotFalloff};
+use lightsheaf::sampler::{Decision, Sampler, uniform_sphere};
 
 /// Draws, and paths.
 const MANY: u32 = 1 << 20;
 /// Significance, Sidak-corrected for the number of tests.
 const SIGNIFICANCE: f64 = 0.01;
+// LightRecord.kind of lib/light.wesl.
+const POINT: u32 = 0;
+const SPOT: u32 = 1;
+const DIRECTIONAL: u32 = 2;
+const AREA: u32 = 4;
+const SKY: u32 = 5;
 /// Bins along two axes.
 const BINS: [usize; 2] = [32, 32];
 /// Rays along a side of a bin whose density is taken.
-const RAYS: usize = 16;
+const RAYS: usize = 32;
 
 fn threads(count: u32) -> [u32; 2] {
     [count.min(65_536), count.div_ceil(65_536)]
 }
 
 /// Sums of weights and their distance from the shares of the products of densities, of one bounce and of two.
-fn weights(gpu: &Gpu, allowed: [f32; 3], beta: f32) -> Vec<[f32; 4]> {
+fn weights(gpu: &Gpu, allowed: [f32; 4], beta: f32, kind: u32) -> Vec<[f32; 4]> {
     let pass = Compute::new(gpu, "path_weights", "path_weights", &[]);
     let uniform = gpu.uniform::<PathWeights>("of_paths");
-    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&PathWeights { allowed, beta }));
+    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&PathWeights { allowed, beta, kind, ..Default::default() }));
     let sums = gpu.storage("weight_sums", u64::from(MANY) * 16);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     let bindings = [("of_paths", uniform.as_entire_binding()), ("weight_sums", sums.as_entire_binding())];
@@ -43,41 +47,33 @@ fn weights(gpu: &Gpu, allowed: [f32; 3], beta: f32) -> Vec<[f32; 4]> {
 #[test]
 fn weights_sum_to_one() {
     let Some(gpu) = gpu() else { return };
-    for beta in [1.0, 2.0] {
-        for allowed in [[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.0, 0.0]] {
-            let sums = weights(gpu, allowed, beta);
-            let worst = |of: fn(&[f32; 4]) -> f32| sums.iter().map(of).fold(0.0, f32::max);
-            let sum = worst(|s| (s[0] - 1.0).abs().max((s[2] - 1.0).abs()));
-            let apart = worst(|s| s[1].max(s[3]));
-            println!("{allowed:?}, beta {beta}: sums within {sum:e}, weights within {apart:e}");
-            assert!(sum <= 1e-5 && apart <= 1e-5, "{allowed:?}, beta {beta}: {sum} {apart}");
+    for (what, kind) in [("point", POINT), ("triangle", AREA), ("sky", SKY)] {
+        for beta in [1.0, 2.0] {
+            for allowed in [[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 0.0], [0.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0]] {
+                let sums = weights(gpu, allowed, beta, kind);
+                let worst = |of: fn(&[f32; 4]) -> f32| sums.iter().map(of).fold(0.0, f32::max);
+                let sum = worst(|s| (s[0] - 1.0).abs().max((s[2] - 1.0).abs()));
+                let apart = worst(|s| s[1].max(s[3]));
+                println!("{what}, {allowed:?}, beta {beta}: sums within {sum:e}, weights within {apart:e}");
+                assert!(sum <= 1e-5 && apart <= 1e-5, "{what}, {allowed:?}, beta {beta}: {sum} {apart}");
+            }
         }
     }
 }
 
-/// A uniform of an iteration that holds a light and nothing else.
-fn frame(light: &ChosenLight, radius: f32) -> layouts::Frame {
-    layouts::Frame {
-        light_kind: light.kind,
-        light_pdf_w: light.pdf,
-        light_position: light.position.to_array(),
-        light_direction: light.direction.to_array(),
-        light_right: light.direction.any_orthonormal_vector().to_array(),
-        light_radius: radius,
-        light_cos_inner: light.cosines[0],
-        light_cos_outer: light.cosines[1],
-        ..Default::default()
-    }
-}
-
 /// Asks for draws or densities.
-fn ask(gpu: &Gpu, frame: &layouts::Frame, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
+fn ask(gpu: &Gpu, light: &LightRecord, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
     let pass = Compute::new(gpu, "light_draws", "light_draws", &["RSM"]);
-    let uniform = gpu.uniform::<layouts::Frame>("frame");
-    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(frame));
+    let y0 = LightPoint { kind: light.kind, direction: light.direction, p: 1.0, ..Default::default() };
+    let y0 = gpu.upload("y0", &[LightPoint { two_sided: light.trail, ..y0 }]);
+    let lighting = gpu.uniform::<Lighting>("lighting");
+    gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
+    let lights = gpu.upload("lights", std::slice::from_ref(light));
     let (table, draws) = (gpu.upload("rsm", table), gpu.upload("light_draws", questions));
     let bindings = [
-        ("frame", uniform.as_entire_binding()),
+        ("y0", y0.as_entire_binding()),
+        ("lighting", lighting.as_entire_binding()),
+        ("lights", lights.as_entire_binding()),
         ("rsm", table.as_entire_binding()),
         ("light_draws", draws.as_entire_binding()),
     ];
@@ -87,10 +83,15 @@ fn ask(gpu: &Gpu, frame: &layouts::Frame, table: &[f32], questions: &[LightDraw]
     read_back(gpu, &draws, questions.len()).unwrap()
 }
 
+/// Whether rays come from infinitely far away.
+fn disc(kind: u32) -> bool {
+    kind == DIRECTIONAL || kind == SKY
+}
+
 /// Cosine and azimuth about Y of a direction, or place on the square around a disc of radius 2 across Y, in [0, 1]^2.
 fn place(kind: u32, draw: &LightDraw) -> [f32; 2] {
     let (w, offset) = (Vec3::from(draw.w), Vec3::from(draw.offset));
-    if kind == 2 {
+    if disc(kind) {
         return [0.25 * offset.x + 0.5, 0.25 * offset.z + 0.5];
     }
     [0.5 * w.y + 0.5, w.z.atan2(w.x).rem_euclid(TAU) / TAU]
@@ -98,7 +99,7 @@ fn place(kind: u32, draw: &LightDraw) -> [f32; 2] {
 
 /// The ray at a place, and the measure of all places.
 fn ray(kind: u32, [x, y]: [f32; 2], axis: Vec3) -> LightDraw {
-    if kind == 2 {
+    if disc(kind) {
         let offset = Vec3::new(4.0 * x - 2.0, 0.0, 4.0 * y - 2.0);
         return LightDraw { w: axis.to_array(), offset: offset.to_array(), asked: 1, pdf: 0.0 };
     }
@@ -112,18 +113,22 @@ fn ray(kind: u32, [x, y]: [f32; 2], axis: Vec3) -> LightDraw {
 fn light_subpaths_start_as_their_density_says() {
     let Some(gpu) = gpu() else { return };
     let down = Vec3::NEG_Y;
-    let spot = Light::Spot {
-        position: Vec3::ZERO,
-        direction: Vec3::new(0.6, 0.0, 0.8),
-        intensity: Vec3::ONE,
-        inner_angle: 0.2,
-        outer_angle: 0.9,
-        falloff: SpotFalloff::CosineSquared,
+    let light = |name, kind, direction: Vec3| {
+        let cosines = [0.2_f32.cos(), 0.9_f32.cos()];
+        let [cos_inner, cos_outer] = cosines;
+        (name, LightRecord { kind, direction: direction.to_array(), cos_inner, cos_outer, ..Default::default() })
     };
+    let tilted = Vec3::new(0.6, 0.0, 0.8);
+    let mut two_sided = light("triangle, two sides", AREA, tilted);
+    // A record has no such field; this one is of no use here.
+    two_sided.1.trail = 1;
     let lights = [
-        Light::Point { position: Vec3::ZERO, intensity: Vec3::ONE },
-        spot,
-        Light::Directional { direction: down, irradiance: Vec3::ONE },
+        light("point", POINT, Vec3::Z),
+        light("spot", SPOT, tilted),
+        light("directional", DIRECTIONAL, down),
+        light("triangle", AREA, tilted),
+        two_sided,
+        light("sky", SKY, down),
     ];
     // Importances that differ by up to a hundred times from cell to cell, with a mean of 1.
     let cells = (Rsm::SIDE * Rsm::SIDE) as usize;
@@ -131,37 +136,42 @@ fn light_subpaths_start_as_their_density_says() {
     let table: Vec<f32> = (0..cells).map(|i| 0.1 + 10.0 * sampler(i).powi(3)).collect();
     let mean = table.iter().sum::<f32>() / cells as f32;
     let table: Vec<f32> = table.iter().map(|v| v / mean).collect();
-    for light in lights {
-        let chosen = Lights::new(&[light], Vec3::ZERO, 2.0).choose(0.5).unwrap();
-        let frame = frame(&chosen, 2.0);
-        let drawn = ask(gpu, &frame, &table, &vec![LightDraw::default(); MANY as usize]);
+    for (name, light) in lights {
+        let drawn = ask(gpu, &light, &table, &vec![LightDraw::default(); MANY as usize]);
         let mut counts = vec![0_u64; BINS[0] * BINS[1]];
         for draw in &drawn {
-            let [x, y] = place(chosen.kind, draw);
+            let [x, y] = place(light.kind, draw);
             let bin = |x: f32, bins: usize| ((x * bins as f32) as usize).min(bins - 1);
             counts[bin(x, BINS[0]) * BINS[1] + bin(y, BINS[1])] += 1;
         }
         // The density of what was drawn is the one that MIS asks for, but at the borders of cells.
         let again: Vec<_> = drawn.iter().map(|d| LightDraw { asked: 1, ..*d }).collect();
-        let again = ask(gpu, &frame, &table, &again);
+        let again = ask(gpu, &light, &table, &again);
         let differ = drawn.iter().zip(&again).filter(|(a, b)| (a.pdf / b.pdf - 1.0).abs() > 1e-3).count();
-        assert!(differ < drawn.len() / 1000, "{light:?}: {differ} densities differ");
+        assert!(differ < drawn.len() / 1000, "{name}: {differ} densities differ");
 
         let at = |bin: usize, sub: usize, bins: usize| (bin as f32 + (sub as f32 + 0.5) / RAYS as f32) / bins as f32;
         let questions: Vec<_> = (0..BINS[0] * BINS[1] * RAYS * RAYS)
             .map(|i| {
                 let (bin, sub) = (i / (RAYS * RAYS), i % (RAYS * RAYS));
                 let x = at(bin / BINS[1], sub / RAYS, BINS[0]);
-                ray(chosen.kind, [x, at(bin % BINS[1], sub % RAYS, BINS[1])], down)
+                ray(light.kind, [x, at(bin % BINS[1], sub % RAYS, BINS[1])], down)
             })
             .collect();
-        let measure = if chosen.kind == 2 { 16.0 } else { 4.0 * PI } / questions.len() as f32;
-        let expected: Vec<f64> = ask(gpu, &frame, &table, &questions)
-            .chunks_exact(RAYS * RAYS)
-            .map(|bin| bin.iter().map(|d| f64::from(d.pdf * measure)).sum::<f64>() * f64::from(MANY))
-            .collect();
+        let measure = if disc(light.kind) { 16.0 } else { 4.0 * PI } / questions.len() as f32;
+        let bins = |light: &LightRecord, table: &[f32], factor: fn(f32) -> f32| -> Vec<f64> {
+            let answers = ask(gpu, light, table, &questions);
+            // Only points within the scene's sphere are asked about.
+            let shade = |d: &LightDraw| {
+                let r = Vec3::from(d.offset).length();
+                if disc(light.kind) && r > 2.0 { 0.0 } else { f64::from(d.pdf * factor(r) * measure) }
+            };
+            let bins = answers.chunks_exact(RAYS * RAYS);
+            bins.map(|bin| bin.iter().map(shade).sum::<f64>() * f64::from(MANY)).collect()
+        };
+        let expected = bins(&light, &table, |_| 1.0);
         let mass = expected.iter().sum::<f64>() / f64::from(MANY);
-        assert!((mass - 1.0).abs() < 2e-3, "{light:?}: the density integrates to {mass}");
+        assert!((mass - 1.0).abs() < 2e-3, "{name}: the density integrates to {mass}");
         // The rule for the integral leaves an error of its own at the borders of cells: larger bins feel it less.
         let pool = |values: &mut dyn Iterator<Item = f64>| {
             let all: Vec<f64> = values.collect();
@@ -177,15 +187,13 @@ fn light_subpaths_start_as_their_density_says() {
         let counts = pool(&mut counts.iter().map(|&c| c as f64));
         let counts: Vec<u64> = counts.iter().map(|&c| c as u64).collect();
         let p = p_value(&counts, &expected);
-        println!("{light:?}: p {p:.3}, mass {mass:.5}");
-        assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / 3.0), "{light:?}: p {p}");
-        // The uniform density is not the table's.
-        let flat = ask(gpu, &frame, &vec![1.0; cells], &questions);
-        let flat: Vec<f64> = flat
-            .chunks_exact(RAYS * RAYS)
-            .map(|bin| bin.iter().map(|d| f64::from(d.pdf * measure)).sum::<f64>() * f64::from(MANY))
-            .collect();
-        assert!(p_value(&counts, &pool(&mut flat.into_iter())) < 1e-6, "{light:?}: a wrong density was not noticed");
+        println!("{name}: p {p:.3}, mass {mass:.5}");
+        assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / 6.0), "{name}: p {p}");
+        // A wrong density is noticed: that without the table, an even one, or one that grows outwards.
+        let has_table = light.kind <= DIRECTIONAL;
+        let even = LightRecord { kind: if has_table || disc(light.kind) { light.kind } else { POINT }, ..light };
+        let flat = bins(&even, &vec![1.0; cells], if light.kind == SKY { |r| 0.75 * r } else { |_| 1.0 });
+        assert!(p_value(&counts, &pool(&mut flat.into_iter())) < 1e-6, "{name}: a wrong density was not noticed");
     }
 }
 

@@ -12,9 +12,7 @@ use common::random::Random;
 use glam::{Affine2, Affine3A, Mat3, Quat, Vec2, Vec3, Vec4};
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
-use lightsheaf::layouts;
-use lightsheaf::light_table::LightTable;
-use lightsheaf::lights::Lights;
+use lightsheaf::light_table::{LightTable, Met};
 use lightsheaf::reference::bvh::Hit;
 use lightsheaf::reference::environment::Sky;
 use lightsheaf::reference::lights::{Group, Lights as ReferenceLights};
@@ -55,19 +53,14 @@ struct Answer {
 }
 
 /// Runs the twins on the device.
-fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], frame: &layouts::Frame, questions: &[Question]) -> Vec<Answer> {
+fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], questions: &[Question]) -> Vec<Answer> {
     let geometry = Geometry::new(scene);
-    let uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, true)).unwrap();
+    let uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, Met::All)).unwrap();
     let pass = Compute::new(gpu, "twins", "twins", flags);
-    let uniform = gpu.uniform::<layouts::Frame>("frame");
-    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(frame));
     let asked = gpu.upload("twin_questions", questions);
     let answers = gpu.storage("twin_answers", size_of_val(questions) as u64 / 48 * 64);
-    let bindings = uploaded.with(&[
-        ("frame", uniform.as_entire_binding()),
-        ("twin_questions", asked.as_entire_binding()),
-        ("twin_answers", answers.as_entire_binding()),
-    ]);
+    let bindings =
+        uploaded.with(&[("twin_questions", asked.as_entire_binding()), ("twin_answers", answers.as_entire_binding())]);
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     pass.record(gpu, &mut encoder, [questions.len() as u32, 1], &bindings);
     gpu.queue.submit([encoder.finish()]);
@@ -203,7 +196,7 @@ fn surfaces(
             ));
         }
     }
-    let answers = ask(gpu, scene, flags, &layouts::Frame::default(), &questions);
+    let answers = ask(gpu, scene, flags, &questions);
     let mut out = [const { Vec::new() }; 4];
     for (a, (value, emission, ng, ns, text)) in answers.iter().zip(expected) {
         out[0].push((a.value.truncate(), value, text));
@@ -371,7 +364,7 @@ fn textures() {
             expected.push((textures.fetch(reference, uvs), format!("{texture:?} {reference:?} {p}")));
         }
     }
-    let answers = ask(gpu, &scene, &["TEXTURES"], &layouts::Frame::default(), &questions);
+    let answers = ask(gpu, &scene, &["TEXTURES"], &questions);
     let pairs = |pick: fn(Vec4) -> Vec3| -> Vec<_> {
         answers.iter().zip(&expected).map(|(a, (e, text))| (pick(a.value), pick(*e), text.clone())).collect()
     };
@@ -476,7 +469,7 @@ fn holes() {
         expected.push(!reference.solid(&Hit { triangle, t: 1.0, bary: [at[1], at[2]] }));
     }
     let flags = ["TEXTURES", "MASKS", "VERTEX_COLORS"];
-    let answers = ask(gpu, &scene, &flags, &layouts::Frame::default(), &questions);
+    let answers = ask(gpu, &scene, &flags, &questions);
     let holes = expected.iter().filter(|&&e| e).count();
     assert!(holes > 2000 && holes < 18_000, "{holes}");
     let wrong = answers.iter().zip(&expected).filter(|(a, e)| (a.value.x == 1.0) != **e).count();
@@ -507,14 +500,13 @@ fn environments() {
             environment: Some(environment),
             ..scene_of(vec![material(0, 1.0, &mut random)], false, &mut random)
         };
-        let frame = layouts::Frame::default();
         let directions: Vec<Vec3> = (0..4000).map(|_| random.direction()).collect();
         let questions: Vec<_> = directions
             .iter()
             .map(|d| Question { wo: d.to_array(), kind: ENVIRONMENT, ..Question::default() })
             .collect();
         let flags: &[&str] = if rows.is_some() { &["ENVIRONMENT", "ENVIRONMENT_MAP"] } else { &["ENVIRONMENT"] };
-        let answers = ask(gpu, &scene, flags, &frame, &questions);
+        let answers = ask(gpu, &scene, flags, &questions);
         let sky = Sky::new(scene.environment.as_ref().unwrap());
         let pairs: Vec<_> = answers
             .iter()
@@ -536,22 +528,12 @@ fn spots() {
             let (direction, intensity) = (random.direction(), random.color() + 0.2);
             let light = Light::Spot { position: Vec3::ZERO, direction, intensity, inner_angle, outer_angle, falloff };
             let lit = Scene { lights: vec![light], ..scene.clone() };
-            let chosen = Lights::new(&lit.lights, Vec3::ZERO, 1.0).choose(0.5).unwrap();
-            let frame = layouts::Frame {
-                light_kind: chosen.kind,
-                light_direction: chosen.direction.to_array(),
-                light_intensity: chosen.intensity.to_array(),
-                light_cos_inner: chosen.cosines[0],
-                light_cos_outer: chosen.cosines[1],
-                light_falloff: chosen.falloff,
-                ..Default::default()
-            };
             let reference = ReferenceLights::new(&lit, &geometry, &Textures::new(&lit), None);
             let directions: Vec<Vec3> =
                 (0..2000).map(|_| (direction + random.direction() * random.unit()).normalize()).collect();
             let questions: Vec<_> =
                 directions.iter().map(|d| Question { wo: d.to_array(), kind: LIGHT, ..Question::default() }).collect();
-            let answers = ask(gpu, &lit, &[], &frame, &questions);
+            let answers = ask(gpu, &lit, &[], &questions);
             let pairs: Vec<_> = answers
                 .iter()
                 .zip(&directions)

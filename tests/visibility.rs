@@ -16,8 +16,7 @@ use lightsheaf::acceleration::Acceleration;
 use lightsheaf::gpu::{Gpu, read_back};
 use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts;
-use lightsheaf::light_table::LightTable;
-use lightsheaf::lights::uniform_sphere;
+use lightsheaf::light_table::{LightTable, Met};
 use lightsheaf::passes::depth_maps::DepthMaps;
 use lightsheaf::passes::queries::Queries;
 use lightsheaf::passes::ray_queries::RayQueries;
@@ -25,12 +24,13 @@ use lightsheaf::passes::view_lists::ViewLists;
 use lightsheaf::passes::view_setup::ViewSetup;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::Reference;
+use lightsheaf::sampler::uniform_sphere;
 use lightsheaf::scene::{
     self, AlphaMask, Filter, Geometry, Image, Instance, Material, Mesh, Scalar, Scene, SceneStats, Texture, TextureRef,
     Wrap,
 };
 use lightsheaf::settings::{Settings, Visibility};
-use lightsheaf::view::{Answers, ViewBuffers, parallel, perspective};
+use lightsheaf::view::{Answers, ViewBuffers, parallel};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
 /// Share of answers that may differ in exact mode.
@@ -39,6 +39,17 @@ const TOLERATED: f64 = 0.0005;
 const SAME: f32 = 1e-4;
 const NONE: u32 = u32::MAX;
 const TOP_BIT: u32 = 1 << 31;
+
+/// All directions from a point of a scene of a given radius.
+fn perspective(origin: Vec3, radius: f32) -> layouts::View {
+    layouts::View {
+        origin: origin.to_array(),
+        kind: layouts::View::PERSPECTIVE,
+        scale: 1.0 / radius,
+        exclude: u32::MAX,
+        ..Default::default()
+    }
+}
 
 /// A point on a triangle.
 #[derive(Clone, Copy)]
@@ -107,7 +118,7 @@ impl<'a> World<'a> {
         }
         Self {
             gpu,
-            scene: GpuScene::new(gpu, scene, geometry, &LightTable::new(scene, geometry, true)).unwrap(),
+            scene: GpuScene::new(gpu, scene, geometry, &LightTable::new(scene, geometry, Met::All)).unwrap(),
             materials: &scene.materials,
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],

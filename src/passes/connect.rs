@@ -1,7 +1,7 @@
 //! connect: joins z_j of every pixel to one vertex of the light subpath (eq. (3)-(8)); one run per strategy.
 //!
 //! Reads the eye vertices, the light vertices and the lists around the one that is joined. Adds to the iteration's image.
-//! Skipped without punctual lights.
+//! Skipped without lights.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
@@ -35,6 +35,7 @@ impl Connect {
         pixels: &PixelBuffers,
         strategy: &wgpu::Buffer,
         view: &ViewBuffers,
+        y0: &wgpu::Buffer,
         light_vertices: &wgpu::Buffer,
         rsm: Option<&wgpu::Buffer>,
     ) {
@@ -42,6 +43,7 @@ impl Connect {
         bindings.extend(pixels.bindings());
         bindings.extend([
             ("strategy", strategy.as_entire_binding()),
+            ("y0", y0.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
         ]);
         bindings.extend(rsm.map(|table| ("rsm", table.as_entire_binding())));

@@ -29,10 +29,12 @@ impl Extend {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         pixels: &PixelBuffers,
+        strategy: &wgpu::Buffer,
         bundle: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&bundle.bindings());
         bindings.extend(pixels.bindings());
+        bindings.push(("strategy", strategy.as_entire_binding()));
         self.0.record(gpu, encoder, pixels.size, &bindings);
     }
 }

@@ -1,6 +1,6 @@
 //! light_subpath: y1 or y2 of the iteration, and the view from it (section 4.1).
 //!
-//! Reads the lists around the vertex before. Writes a light vertex and the next view. Skipped without punctual lights, and
+//! Reads the lists around the vertex before. Writes a light vertex and the next view. Skipped without lights, and
 //! where the strategies need no VPL.
 
 use crate::gpu::{Compute, Gpu};
@@ -31,7 +31,8 @@ impl LightSubpath {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         frame: &wgpu::Buffer,
-        rsm: &wgpu::Buffer,
+        y0: &wgpu::Buffer,
+        rsm: Option<&wgpu::Buffer>,
         vertex: u32,
         from: &ViewBuffers,
         light_vertices: &wgpu::Buffer,
@@ -40,10 +41,11 @@ impl LightSubpath {
         let mut bindings = scene.with(&from.bindings());
         bindings.extend([
             ("frame", frame.as_entire_binding()),
-            ("rsm", rsm.as_entire_binding()),
+            ("y0", y0.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
             ("next_view", next.view.as_entire_binding()),
         ]);
+        bindings.extend(rsm.map(|table| ("rsm", table.as_entire_binding())));
         let pass = if vertex == 1 { &self.y1 } else { &self.y2 };
         pass.record(gpu, encoder, [1, 1], &bindings);
     }

@@ -24,17 +24,17 @@ impl Rsm {
         Self { compute: Compute::new(gpu, "rsm", "rsm", flags), table }
     }
 
-    /// Records the pass for the light that `map` is around.
+    /// Records the pass for the light at `y0`, which `map` is around.
     pub fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
+        y0: &wgpu::Buffer,
         map: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&map.bindings());
-        bindings.extend([("frame", frame.as_entire_binding()), ("table", self.table.as_entire_binding())]);
+        bindings.extend([("y0", y0.as_entire_binding()), ("table", self.table.as_entire_binding())]);
         self.compute.record(gpu, encoder, [1, 1], &bindings);
     }
 }

@@ -224,7 +224,7 @@ fn lights_are_drawn_as_their_density_says() {
     let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
     let drawn = oracle.ask(&vec![question; DRAWS as usize]);
     let geometry = lightsheaf::scene::Geometry::new(&scene);
-    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, true);
+    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, lightsheaf::light_table::Met::All);
     assert_eq!(table.records.len(), 5, "spot, point, sun and two triangles");
 
     let mut counts = vec![0_u64; table.records.len()];
