@@ -5,6 +5,7 @@
 
 use std::f32::consts::TAU;
 
+use crate::bundle_directions::BundleDirections;
 use crate::gpu::Gpu;
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe;
@@ -46,6 +47,8 @@ pub struct Frame {
     accumulate: Accumulate,
     /// Around the light vertices, then the bundles.
     views: Vec<ViewBuffers>,
+    /// Of bundles, where they do not go everywhere alike.
+    directions: Option<BundleDirections>,
     /// The light without extent that `views[0]` was made for.
     light_in_view: Option<u32>,
     pixels: PixelBuffers,
@@ -61,11 +64,17 @@ pub struct Frame {
 impl Frame {
     /// Builds what the plan asks for.
     #[must_use]
-    pub fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings) -> Self {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        plan: &FramePlan,
+        settings: &Settings,
+        directions: Option<BundleDirections>,
+    ) -> Self {
         let size = [settings.width, settings.height];
-        let pixels = u64::from(size[0]) * u64::from(size[1]);
         let surface = plan.surface_flags.clone();
-        let with = |more: &[&'static str]| [surface.as_slice(), more].concat();
+        let bundles: &[&str] = if directions.is_some() { &["SKY_BUNDLES"] } else { &[] };
+        let with = |more: &[&'static str]| [surface.as_slice(), bundles, more].concat();
         let visibility: &[&str] = match (plan.rays, plan.fast) {
             (true, _) => &["RAY_QUERY"],
             (false, true) => &["FAST"],
@@ -86,11 +95,14 @@ impl Frame {
         };
         let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.allowed, c.s, c.j))).collect();
         let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.allowed, 0, e.j))).collect();
+        // What depends on the way from y0.
+        let pattern: &[&str] = if plan.light_flags.contains(&"PATTERNS") { &["PATTERNS"] } else { &[] };
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
         let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
         for c in &plan.connections {
             if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                let flags = with(&[visibility, if c.s == 1 { rsm } else { &[] }].concat());
+                let from_y0 = if c.s == 1 { [rsm, pattern].concat() } else { Vec::new() };
+                let flags = with(&[visibility, &from_y0].concat());
                 connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
             }
         }
@@ -113,15 +125,17 @@ impl Frame {
             })
             .collect();
         let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+        let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
+        let pixels = PixelBuffers::new(gpu, size, plan.glossy(), bundle_pdfs);
         let demands = gpu.storage("demands", (views.len().max(1) * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
             view_setup: (!plan.rays).then(|| ViewSetup::new(gpu)),
             view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0).then(|| LightPoint::new(gpu, &with(&plan.light_flags))),
-            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(visibility))),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, pattern].concat()))),
             light_subpath: (plan.light_vertices > 1)
-                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm].concat()))),
+                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, pattern].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections,
@@ -129,11 +143,12 @@ impl Frame {
             extensions,
             extends,
             accumulate: Accumulate::new(gpu),
+            directions,
             light_in_view: None,
-            pixels: PixelBuffers::new(gpu, size, plan.glossy()),
+            pixels,
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
-            film: gpu.storage("film", pixels * 32),
+            film: gpu.storage("film", u64::from(size[0]) * u64::from(size[1]) * 32),
             log: gpu.storage("log", 8 + 8 * views.len().max(1) as u64),
             demands,
             views,
@@ -182,7 +197,7 @@ impl Frame {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
                 let vertices = &self.light_vertices;
-                pass.record(gpu, encoder, scene, &self.pixels.frame, y0, rsm, vertex as u32, from, vertices, next);
+                pass.record(gpu, encoder, scene, &self.pixels, y0, rsm, vertex as u32, from, vertices, next);
                 self.fill(gpu, encoder, scene, vertex);
             }
         }
@@ -190,7 +205,8 @@ impl Frame {
         // One ray-bundle per bounce (section 3.2), each in a direction of its own.
         for (n, view) in self.views.iter().enumerate().skip(light_vertices) {
             let n_bundle = (n - light_vertices) as u32;
-            let forward = uniform_sphere(sampler.get2(Decision::Bundle(n_bundle)));
+            let numbers = sampler.get2(Decision::Bundle(n_bundle));
+            let forward = self.directions.as_ref().map_or_else(|| uniform_sphere(numbers), |d| d.draw(numbers));
             let turn = TAU * sampler.get(Decision::Turn(n_bundle));
             let shift = self.plan.fast.then(|| sampler.get2(Decision::Shift(n_bundle)));
             view.look(gpu, &parallel(forward, scene.bounds, turn, shift, view.resolution));

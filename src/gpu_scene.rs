@@ -48,7 +48,8 @@ pub struct GpuScene {
     lighting: wgpu::Buffer,
     lights: wgpu::Buffer,
     light_sums: wgpu::Buffer,
-    emission_pdfs: wgpu::Buffer,
+    emitters: wgpu::Buffer,
+    patterns: wgpu::Buffer,
     sky_table: wgpu::Buffer,
 }
 
@@ -122,8 +123,8 @@ impl GpuScene {
             + size_of_val(texture_uses.as_slice())
             + rgba.len() * 16
             + size_of_val(lights.records.as_slice())
-            + 4 * (lights.sums.len() + lights.emission_pdfs.len() + lights.sky_shares.len()))
-            as u64
+            + 4 * (lights.sums.len() + 2 * lights.emitters.len() + lights.sky_shares.len())
+            + 16 * lights.patterns.len()) as u64
             + atlas.bytes;
         Ok(Self {
             triangles: triangles.len() as u32,
@@ -148,7 +149,8 @@ impl GpuScene {
             lighting,
             lights: gpu.upload("lights", &lights.records),
             light_sums: gpu.upload("light_sums", &lights.sums),
-            emission_pdfs: gpu.upload("emission_pdfs", &lights.emission_pdfs),
+            emitters: gpu.upload("emitters", &lights.emitters),
+            patterns: gpu.upload("patterns", &lights.patterns),
             sky_table: gpu.upload("sky_table", &lights.sky_shares),
         })
     }
@@ -172,7 +174,8 @@ impl GpuScene {
             ("lighting", self.lighting.as_entire_binding()),
             ("lights", self.lights.as_entire_binding()),
             ("light_sums", self.light_sums.as_entire_binding()),
-            ("emission_pdfs", self.emission_pdfs.as_entire_binding()),
+            ("emitters", self.emitters.as_entire_binding()),
+            ("patterns", self.patterns.as_entire_binding()),
             ("sky_table", self.sky_table.as_entire_binding()),
         ];
         all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));

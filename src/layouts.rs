@@ -182,6 +182,8 @@ layouts! {
         cos_outer: f32,
         falloff: u32,
         trail: u32,
+        right: [f32; 3],
+        radius: f32,
     }
 
     /// A node of the tree that lights are chosen by.
@@ -286,7 +288,7 @@ layouts! {
         position: [f32; 3],
         triangle: u32,
         throughput: [f32; 3],
-        pad0: f32,
+        made: f32,
         wo: [f32; 3],
         here: f32,
         back: f32,

@@ -80,6 +80,7 @@
 //! there and bound by name; structs that both sides read are in [`layouts`], and a test compares them with the linked shaders.
 
 pub mod acceleration;
+pub mod bundle_directions;
 pub mod film;
 pub mod frame;
 pub mod gpu;

@@ -5,15 +5,18 @@
 
 use std::f32::consts::PI;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
-use crate::scene::{Color, EnvironmentMap, Geometry, Light, Rows, Scene, SpotFalloff};
+use crate::scene::emitter::{Emitter, Part, emitters, part};
+use crate::scene::{EnvironmentMap, Geometry, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
 
 /// Rec. 709 luminance.
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-// LightRecord.kind of lib/light.wesl, beside point and spot.
+// LightRecord.kind of lib/light.wesl.
+const POINT: u32 = 0;
+pub(crate) const SPOT: u32 = 1;
 const DIRECTIONAL: u32 = 2;
 pub(crate) const AREA: u32 = 4;
 const SKY: u32 = 5;
@@ -29,7 +32,7 @@ pub enum Met {
     Never,
 }
 
-/// Steps of the numbers that choose: no light's probability is less than one of them.
+/// Steps of the numbers that choose: no light that shines has a probability of less than one of them.
 const STEPS: f64 = (1 << 24) as f64;
 
 /// The lights, as the shaders read them.
@@ -39,8 +42,10 @@ pub struct LightTable {
     pub records: Vec<LightRecord>,
     /// Cumulative probabilities.
     pub sums: Vec<f32>,
-    /// Per triangle, density per area of its points as x_0; empty where none emits.
-    pub emission_pdfs: Vec<f32>,
+    /// Per triangle, its first light and how many parts it has along a side; empty where none emits.
+    pub emitters: Vec<[u32; 2]>,
+    /// Tables of what depends on direction (shaders/lib/pattern.wesl).
+    pub patterns: Vec<[f32; 4]>,
     /// Cumulative shares of an environment map's cells (shaders/lib/sky.wesl): of the bands, then of each band's cells.
     pub sky_shares: Vec<f32>,
     /// The lights as a whole.
@@ -71,22 +76,16 @@ impl LightTable {
         let (center, radius) = geometry.sphere();
         let disc = PI * radius * radius;
         let mut groups: [Vec<(LightRecord, f32)>; 3] = Default::default();
-        groups[0] = scene.lights.iter().map(|l| (record(l), power(l, disc).dot(LUMINANCE))).collect();
-
-        let radiances: Vec<f32> = scene
-            .materials
-            .iter()
-            .map(|m| {
-                m.emission
-                    .map_or(0.0, |e| mean(scene, &e.radiance).dot(LUMINANCE) * PI * if e.two_sided { 2.0 } else { 1.0 })
-            })
-            .collect();
-        for (triangle, &material) in geometry.materials.iter().enumerate().filter(|_| chosen != Met::Never) {
-            let power = radiances[material as usize] * area(geometry, triangle);
-            if power != 0.0 {
-                let record = LightRecord { kind: AREA, triangle: triangle as u32, ..Default::default() };
-                groups[1].push((record, power));
-            }
+        let (patterns, first_entries) = flatten(&scene.patterns);
+        let entry = |light| (record(light, &scene.patterns, &first_entries), power(light, &scene.patterns, disc));
+        groups[0] = scene.lights.iter().map(entry).map(|(record, power)| (record, power.dot(LUMINANCE))).collect();
+        let met = if chosen == Met::Never { Vec::new() } else { emitters(scene, geometry) };
+        for Emitter { triangle, parts, powers } in met {
+            groups[1].extend((0..).zip(powers).map(|(index, power)| {
+                let Part { corner: [b, c], size } = part(parts, index);
+                let position = [b, c, size];
+                (LightRecord { kind: AREA, triangle, position, falloff: parts, ..Default::default() }, power)
+            }));
         }
 
         let mut sky = None;
@@ -127,23 +126,13 @@ impl LightTable {
             lighting.environment_columns = sky.columns;
             sky_shares = sky.shares;
         }
-        Self::from_groups(groups, geometry, lighting, sky_shares)
+        Self { patterns, ..Self::from_groups(groups, geometry, lighting, sky_shares) }
     }
 
     /// Probability of those that are somewhere.
     #[must_use]
     pub fn finite_share(&self) -> f32 {
         self.finite.checked_sub(1).map_or(0.0, |last| self.sums[last])
-    }
-
-    /// Index of each triangle's light; empty where none emits.
-    #[must_use]
-    pub fn emitter_records(&self) -> Vec<u32> {
-        let mut out = vec![0; self.emission_pdfs.len()];
-        for (index, record) in self.records.iter().enumerate().filter(|(_, record)| record.kind == AREA) {
-            out[record.triangle as usize] = index as u32;
-        }
-        out
     }
 
     /// Number of lights that shine.
@@ -173,25 +162,27 @@ impl LightTable {
         let mut out = Self { sky_shares, lighting, power: total as f32, ..Self::default() };
         let shares = groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0).flat_map(|(group, power)| {
             let of_group = 0.5 * power / total + 0.5 / shining;
-            let shining = group.into_iter().filter(move |(_, own)| countable(*own) > 0.0);
-            shining.map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
+            group.into_iter().map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
         });
         let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !record.is_infinite());
         out.finite = lights.len();
         lights.extend(infinite);
-        // Sums are whole steps, so that their differences are exact.
-        let floor = if (lights.len() as f64) < 0.5 * STEPS { 1.0 } else { 0.0 };
-        let (mut sum, count) = (0.0_f64, lights.len());
-        for (i, (mut record, power, share)) in lights.into_iter().enumerate() {
-            sum += share * (STEPS - floor * count as f64) + floor;
+        // Sums are whole steps, so that their differences are exact, and who shines has one at least.
+        let count = lights.iter().filter(|(_, power, _)| *power > 0.0).count() as f64;
+        let floor = if count < 0.5 * STEPS { 1.0 } else { 0.0 };
+        let mut sum = 0.0_f64;
+        for (mut record, power, share) in lights {
+            sum += share * (STEPS - floor * count) + if power > 0.0 { floor } else { 0.0 };
             let before = out.sums.last().copied().unwrap_or(0.0);
-            let after = if i + 1 == count { 1.0 } else { ((sum + 1e-6).floor() / STEPS).min(1.0) as f32 };
+            let after = ((sum + 1e-3).floor() / STEPS).min(1.0) as f32;
             record.probability = after - before;
             match record.kind {
                 AREA => {
-                    out.emission_pdfs.resize(geometry.triangles.len(), 0.0);
-                    let triangle = record.triangle as usize;
-                    out.emission_pdfs[triangle] = record.probability / area(geometry, triangle);
+                    out.emitters.resize(geometry.triangles.len(), [0; 2]);
+                    let emitter = &mut out.emitters[record.triangle as usize];
+                    if emitter[1] == 0 {
+                        *emitter = [out.records.len() as u32, record.falloff];
+                    }
                 }
                 SKY => out.lighting.environment_probability = record.probability,
                 _ => (),
@@ -256,7 +247,7 @@ impl LightRecord {
     /// Whether light subpaths always leave it from the same point, or in the same direction.
     #[must_use]
     pub fn is_fixed(&self) -> bool {
-        self.kind < AREA
+        self.kind < AREA && self.radius <= 0.0
     }
 
     /// Whether it is infinitely far away.
@@ -267,22 +258,23 @@ impl LightRecord {
 }
 
 /// Watts of a light, per channel; of a directional one, what crosses a disc of the given area.
-fn power(light: &Light, disc: f32) -> Vec3 {
+fn power(light: &Light, patterns: &[Pattern], disc: f32) -> Vec3 {
     match *light {
         Light::Point { intensity, .. } => 4.0 * PI * intensity,
         Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
-        Light::Directional { irradiance, .. } => disc * irradiance,
+        Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => disc * irradiance,
+        Light::Lamp(lamp) => lamp.power(patterns),
     }
 }
 
-fn record(light: &Light) -> LightRecord {
-    let record = LightRecord::default();
+fn record(light: &Light, patterns: &[Pattern], first_entries: &[u32]) -> LightRecord {
+    let record = LightRecord { triangle: u32::MAX, ..Default::default() };
     match *light {
         Light::Point { position, intensity } => {
             LightRecord { position: position.to_array(), intensity: intensity.to_array(), ..record }
         }
         Light::Spot { position, direction, intensity, inner_angle, outer_angle, falloff } => LightRecord {
-            kind: 1,
+            kind: SPOT,
             position: position.to_array(),
             direction: direction.to_array(),
             intensity: intensity.to_array(),
@@ -297,32 +289,55 @@ fn record(light: &Light) -> LightRecord {
             intensity: irradiance.to_array(),
             ..record
         },
+        Light::Sun { direction, irradiance, angle, .. } => LightRecord {
+            kind: DIRECTIONAL,
+            direction: direction.to_array(),
+            intensity: (irradiance * (2.0 / (1.0 + angle.cos()))).to_array(),
+            // 1 - cos, without cancellation.
+            radius: 2.0 * (0.5 * angle).sin().powi(2),
+            ..record
+        },
+        Light::Lamp(lamp) => {
+            let Lamp { position, world_from_lamp, radius, intensity, cone, pattern } = lamp;
+            let outer = cone.map_or_else(|| lamp.outer_angle(patterns), |c| c.outer_angle);
+            // Without a cone of its own, one with hard edges around all that shines; nearly all directions are simply all.
+            let inner = cone.map_or(outer, |c| c.inner_angle).min(outer);
+            let linear = cone.is_none_or(|c| c.falloff == SpotFalloff::AngleLinear);
+            LightRecord {
+                kind: if cone.is_none() && outer > 0.9 * PI { POINT } else { SPOT },
+                position: position.to_array(),
+                direction: lamp.direction().to_array(),
+                intensity: intensity.to_array(),
+                triangle: pattern.map_or(u32::MAX, |p| first_entries[p]),
+                cos_inner: inner.cos(),
+                cos_outer: outer.cos(),
+                falloff: u32::from(linear),
+                right: world_from_lamp.x_axis.to_array(),
+                radius,
+                ..record
+            }
+        }
     }
+}
+
+/// All patterns one after the other, and where each begins.
+fn flatten(patterns: &[Pattern]) -> (Vec<[f32; 4]>, Vec<u32>) {
+    let (mut entries, mut first) = (Vec::new(), Vec::new());
+    for pattern in patterns {
+        first.push(entries.len() as u32);
+        let (mapping, half) = match pattern.mapping {
+            Mapping::Sphere => (0.0, Vec2::ZERO),
+            Mapping::Image { half_extent } => (1.0, half_extent),
+            Mapping::Projection { half_extent } => (2.0, half_extent),
+        };
+        entries.push([pattern.width as f32, pattern.height as f32, mapping, 0.0]);
+        entries.push([half.x, half.y, 0.0, 0.0]);
+        entries.extend(pattern.texels.iter().copied().map(padded));
+    }
+    (entries, first)
 }
 
 /// A column as the shaders' matrices have it.
 fn padded([x, y, z]: [f32; 3]) -> [f32; 4] {
     [x, y, z, 0.0]
-}
-
-/// Mean over the whole image that a colour uses: a guess at what a triangle shows of it.
-fn mean(scene: &Scene, color: &Color) -> Vec3 {
-    let Some(reference) = color.texture else { return color.factor };
-    let texture = &scene.textures[reference.texture];
-    let image = &scene.images[texture.image];
-    let linear = |v: u8| {
-        let v = f32::from(v) / 255.0;
-        match texture.srgb {
-            false => v,
-            true if v <= 0.04045 => v / 12.92,
-            true => ((v + 0.055) / 1.055).powf(2.4),
-        }
-    };
-    let sum: Vec3 = image.texels.iter().map(|t| Vec3::new(linear(t[0]), linear(t[1]), linear(t[2]))).sum();
-    color.factor * sum / image.texels.len().max(1) as f32
-}
-
-fn area(geometry: &Geometry, triangle: usize) -> f32 {
-    let [a, b, c] = geometry.positions(triangle);
-    0.5 * (b - a).cross(c - a).length()
 }

@@ -10,7 +10,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use glam::Vec3;
 
 use crate::layouts::{LightNode, LightRecord};
-use crate::light_table::{AREA, LightTable};
+use crate::light_table::{AREA, LightTable, SPOT};
 use crate::scene::{Geometry, Scene};
 
 // Bits of `LightNode.child`, as in the shader.
@@ -104,8 +104,8 @@ fn octahedral(v: Vec3) -> u32 {
 fn bounds(record: &LightRecord, power: f32, scene: &Scene, geometry: &Geometry) -> Bounds {
     let position = Vec3::from(record.position);
     let all_around = Bounds {
-        low: position,
-        high: position,
+        low: position - record.radius,
+        high: position + record.radius,
         strength: power / (4.0 * PI),
         axis: Vec3::Z,
         normals: PI,
@@ -114,7 +114,11 @@ fn bounds(record: &LightRecord, power: f32, scene: &Scene, geometry: &Geometry) 
     };
     match record.kind {
         AREA => {
-            let [a, b, c] = geometry.positions(record.triangle as usize);
+            // The corners of its part.
+            let [o, right, up] = geometry.positions(record.triangle as usize);
+            let [b, c, size] = record.position;
+            let at = |b: f32, c: f32| o + (right - o) * b + (up - o) * c;
+            let [a, b, c] = [at(b, c), at(b + size, c), at(b, c + size)];
             let normal = (b - a).cross(c - a);
             let material = &scene.materials[geometry.materials[record.triangle as usize] as usize];
             let two_sided = material.emission.is_some_and(|e| e.two_sided);
@@ -129,7 +133,7 @@ fn bounds(record: &LightRecord, power: f32, scene: &Scene, geometry: &Geometry) 
                 ..all_around
             }
         }
-        1 => Bounds {
+        SPOT => Bounds {
             strength: power / (2.0 * PI * (1.0 - record.cos_outer).max(1e-6)),
             axis: Vec3::from(record.direction),
             normals: record.cos_outer.clamp(-1.0, 1.0).acos(),

@@ -39,7 +39,8 @@ impl PathPlan {
     pub fn new(scene: &Scene, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
         let both_sides = settings.method == Method::RayQuery;
         let glossy = stats.glossy_triangles > 0;
-        let somewhere = scene.lights.iter().filter(|l| !matches!(l, Light::Directional { .. })).count();
+        let somewhere =
+            scene.lights.iter().filter(|l| !matches!(l, Light::Directional { .. } | Light::Sun { .. })).count();
         let light_sampling = settings.light_sampling.unwrap_or(if somewhere + stats.emissive_triangles > 1 {
             LightSampling::Tree
         } else {
@@ -52,6 +53,7 @@ impl PathPlan {
             ("SPECULAR", glossy),
             ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
             ("MASKS", stats.masked_triangles > 0),
+            ("PATTERNS", stats.patterns),
             ("EMISSION", stats.emissive_triangles > 0),
             ("ENVIRONMENT", stats.environment),
             ("ENVIRONMENT_MAP", stats.environment_map),

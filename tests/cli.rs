@@ -198,6 +198,62 @@ fn bad_values_are_named() {
     assert!(folder.files().is_empty());
 }
 
+/// `--env` and its like: what is given takes the place of what is there, turns about +Y and is scaled.
+#[test]
+fn environments_are_replaced_scaled_and_rotated() {
+    let folder = Folder::new("environment");
+    let [out, other] = ["out.exr", "other.exr"].map(|name| folder.path(name));
+    let mean = |path: &str, arguments: &[&str]| {
+        let camera = ["--eye", "0,0,4", "--target", "0,0,0", "--fov", "10", "--size", "16x16", "--samples", "16"];
+        let scene = ["render", "builtin:white_furnace", "--method", "reference", "--quiet", "-o", path];
+        let output = run(&[&scene[..], &camera, arguments].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let film = Film::load(path).unwrap();
+        film.pixels.iter().map(|p| f64::from(p[1])).sum::<f64>() / 256.0
+    };
+    let own = mean(&out, &[]);
+    assert!((mean(&other, &["--env-scale", "2.5", "--env-rotate", "-30"]) / own - 2.5).abs() < 0.01);
+
+    // Red towards +X, dark elsewhere; a camera that looks along -Z over the scene sees none of it, until it is turned by 90 degrees.
+    let map = folder.path("map.hdr");
+    let texel = |x: u32, _| image::Rgb([0.0, if (12..20).contains(&x) { 2.0 } else { 0.0 }, 0.0_f32]);
+    image::Rgb32FImage::from_fn(64, 32, texel).save(&map).unwrap();
+    let up = ["--eye", "0,50,0", "--target", "0,50,-1", "--fov", "10", "--size", "4x4", "--samples", "4"];
+    let seen = |more: &[&str]| {
+        let scene = ["render", "builtin:white_furnace", "--method", "reference", "--quiet", "-o", &out, "--env", &map];
+        let output = run(&[&scene[..], &up, more].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        Film::load(&out).unwrap().pixels[5][1]
+    };
+    assert_eq!(seen(&[]), 0.0);
+    // Counter-clockwise from above: +X comes to -Z.
+    assert!((seen(&["--env-rotate", "90", "--env-scale", "0.5"]) - 1.0).abs() < 0.01);
+    assert_eq!(seen(&["--env-rotate", "-90"]), 0.0);
+
+    // A sky is blue above, and its sun makes shadows; a scene without light needs no other.
+    let sky = mean(&other, &["--env", "sky:40,2.5"]);
+    assert!(sky > 0.05 && sky < 2.0, "{sky}");
+    let triangle = folder.path("triangle.xml");
+    std::fs::write(&triangle, "<scene version=\"3.0.0\"><shape type=\"rectangle\"/></scene>").unwrap();
+    let lit = |arguments: &[&str]| {
+        let scene = ["render", &triangle, "--method", "reference", "--size", "4x4", "--samples", "1", "-o", &out];
+        let output = run(&[&scene[..], arguments].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stderr(&output).to_owned()
+    };
+    assert!(lit(&[]).contains("a sky and a sun are added"));
+    assert!(!lit(&["--env", &map]).contains("a sun"));
+
+    let bad = |arguments: &[&str], what: &str| fail(&[&["render", &triangle, "-o", &out], arguments].concat(), what);
+    bad(&["--env", "missing.hdr"], "missing.hdr: cannot be read");
+    bad(&["--env", "sky:95"], "sky:95: is no sky: write sky:ELEVATION");
+    bad(&["--env", "sky:30,11"], "turbidity of 1 to 10");
+    bad(&["--env", "sky:"], "such as sky:30,3");
+    bad(&["--env-scale", "-1"], "--env-scale -1: has to be 0 to");
+    bad(&["--env-rotate", "720"], "--env-rotate 720: has to be -360 to 360");
+    bad(&["--env-scale", "2"], "has no environment to be scaled or rotated; `--env FILE` gives it one");
+}
+
 #[test]
 fn raster_renders_exr_png_and_stats() {
     if common::gpu().is_none() {

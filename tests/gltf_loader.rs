@@ -573,6 +573,95 @@ fn cameras_and_lights_stand_where_their_nodes_stand() {
 }
 
 #[test]
+fn lights_have_a_size_by_their_extras() {
+    let mut draft = Draft::triangle();
+    let spot = json!({ "outerConeAngle": 0.6 });
+    draft.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
+        { "type": "point", "intensity": 8, "extras": { "radius": 0.25, "note": "ours" } },
+        { "type": "directional", "intensity": 3, "extras": { "angle": 4 } },
+        { "type": "spot", "intensity": 2, "spot": spot, "extras": { "radius": 1 } },
+        { "type": "point", "extras": ["radius"] },
+        { "type": "point", "extras": { "radius": "large" } },
+        { "type": "directional", "extras": { "angle": 181 } },
+        { "type": "spot", "spot": spot, "extras": { "radius": -1 } },
+    ] } });
+    draft.json["scenes"][0]["nodes"] = json!([0, 1, 2, 3, 4, 5, 6]);
+    let node = |i: u32| json!({ "translation": [1, 2, 3], "extensions": { "KHR_lights_punctual": { "light": i } } });
+    draft.json["nodes"] = (0..7).map(node).collect();
+    let scene = draft.load("sizes.gltf");
+    let lamp = scene::Lamp {
+        position: Vec3::new(1.0, 2.0, 3.0),
+        world_from_lamp: glam::Mat3::IDENTITY,
+        radius: 0.25,
+        intensity: Vec3::splat(8.0),
+        cone: None,
+        pattern: None,
+    };
+    assert_eq!(scene.lights[0], Light::Lamp(lamp));
+    let angle = 2.0_f32.to_radians();
+    let sun = Light::Sun { direction: Vec3::NEG_Z, irradiance: Vec3::splat(3.0), angle, of_sky: false };
+    assert_eq!(scene.lights[1], sun);
+    let Light::Lamp(spot) = scene.lights[2] else { panic!() };
+    let cone = scene::Cone { inner_angle: 0.0, outer_angle: 0.6, falloff: scene::SpotFalloff::CosineSquared };
+    assert_eq!((spot.radius, spot.cone, spot.direction()), (1.0, Some(cone), Vec3::NEG_Z));
+    // A size that is none is said; extras that are something else are not.
+    assert!(matches!(scene.lights[3], Light::Point { .. }) && matches!(scene.lights[4], Light::Point { .. }));
+    assert!(matches!(scene.lights[5], Light::Directional { .. }) && matches!(scene.lights[6], Light::Spot { .. }));
+    assert_eq!(scene.warnings.iter().filter(|w| w.contains("extras")).count(), 3, "{:?}", scene.warnings);
+}
+
+#[test]
+fn light_profiles_become_patterns() {
+    let ies = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 2 3 2 1 2 0 0 0\n1 1 60\n0 90 180\n0 90\n100 50 0\n 100 25 0\n";
+    let draft = |change: &dyn Fn(&mut Value)| {
+        let mut draft = Draft::triangle();
+        let encoded = format!("data:application/octet-stream,{}", ies.replace('\n', "%0A").replace(' ', "%20"));
+        draft.json["extensionsUsed"] = json!(["EXT_lights_ies"]);
+        draft.json["extensions"] = json!({ "EXT_lights_ies": { "lights": [{ "uri": encoded }] } });
+        let used = json!({ "light": 0, "multiplier": 0.5, "color": [1, 0.5, 2] });
+        // A half turn about X: the lamp shines along +Z.
+        draft.json["nodes"] = json!([
+            { "mesh": 0 },
+            { "rotation": [1, 0, 0, 0], "scale": [5, 5, 5], "extensions": { "EXT_lights_ies": used } },
+            { "extensions": { "EXT_lights_ies": { "light": 0 } } },
+        ]);
+        draft.json["scenes"][0]["nodes"] = json!([0, 1, 2]);
+        change(&mut draft.json);
+        draft
+    };
+    let scene = draft(&|_| ()).load("profile.gltf");
+    assert!(!warned(&scene, "EXT_lights_ies"), "{:?}", scene.warnings);
+    let [Light::Lamp(turned), Light::Lamp(plain)] = scene.lights[..] else { panic!("{:?}", scene.lights) };
+    assert_eq!((scene.patterns.len(), turned.pattern, plain.pattern), (1, Some(0), Some(0)));
+    assert!(turned.direction().abs_diff_eq(Vec3::Z, 1e-6) && plain.direction() == Vec3::NEG_Z);
+    assert_eq!((turned.intensity, plain.intensity), (Vec3::new(100.0, 50.0, 100.0), Vec3::splat(200.0)));
+    let pattern = &scene.patterns[0];
+    assert_eq!((pattern.mapping, pattern.width, pattern.height), (scene::Mapping::Sphere, 360, 361));
+    assert_eq!([0, 90].map(|column| pattern.texels[180 * 360 + column][0]), [0.5, 0.25]);
+
+    draft(&|json| json["nodes"][2]["extensions"]["EXT_lights_ies"]["light"] = json!(7)).refused(
+        "profile_index.gltf",
+        "nodes[2]",
+        "lights[7], which does not exist",
+    );
+    draft(&|json| json["nodes"][2]["extensions"]["EXT_lights_ies"]["multiplier"] = json!(-1)).refused(
+        "profile_multiplier.gltf",
+        "nodes[2]",
+        "multiplier",
+    );
+    draft(&|json| json["extensions"]["EXT_lights_ies"]["lights"][0] = json!({})).refused(
+        "profile_empty.gltf",
+        "EXT_lights_ies.lights[0]",
+        "neither a uri nor a bufferView",
+    );
+    draft(&|json| json["extensions"]["EXT_lights_ies"]["lights"][0]["uri"] = json!("data:,TILT=NONE%0A1")).refused(
+        "profile_short.gltf",
+        "line 2",
+        "the file ends before",
+    );
+}
+
+#[test]
 fn planted_errors_are_found() {
     let edit = |change: &dyn Fn(&mut Draft)| {
         let mut draft = Draft::triangle();

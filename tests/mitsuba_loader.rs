@@ -7,8 +7,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use common::shared;
 use glam::{Affine2, Mat3, Vec2, Vec3};
+use lightsheaf::reference::environment::Sky;
+use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::{
-    Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Projection, Rows, Scene, Sides,
+    self, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Projection, Rows, Scene, Sides,
     SpotFalloff, Wrap, mitsuba,
 };
 
@@ -646,6 +648,121 @@ fn emitters_become_lights() {
     assert_eq!(scene.warnings, Vec::<String>::new());
 }
 
+/// What a light sends towards a point of a plane at distance 1, seen by a camera that looks along it.
+fn projected(folder: &Path, emitter: &str) -> impl Fn(f32, f32) -> Vec3 {
+    let text = format!(
+        r#"<shape type="rectangle"><transform name="to_world"><scale value="4"/><rotate y="1" angle="180"/><translate z="1"/></transform>
+           <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf></shape>{emitter}"#
+    );
+    let scene = scene_in(folder, "3.0.0", &text);
+    assert_eq!(scene.warnings, Vec::<String>::new());
+    move |x, y| {
+        // Our cameras look along -Z with +X to the right; this one stands at the light and looks along +Z.
+        let rotation = Mat3::from_cols(Vec3::NEG_X, Vec3::Y, Vec3::NEG_Z);
+        let place = glam::Affine3A::from_mat3_translation(rotation, Vec3::new(x, y, 0.5));
+        let projection = Projection::Orthographic { half_extent: Vec2::splat(1e-3) };
+        let camera =
+            scene::Camera { name: String::new(), world_from_camera: place, projection, lens: None, film_size: None };
+        let scene = Scene { cameras: vec![camera], ..scene.clone() };
+        let settings = ReferenceSettings { width: 1, height: 1, samples: 16, bounces: Some(0), seed: 1, camera: 0 };
+        Vec3::from(Reference::new(&scene).render(&settings, &|_, _| ()).film.pixels[0])
+    }
+}
+
+/// Mitsuba's own: a projector's image lies as its camera sees it, u along -X and v along -Y; a spot's texture has u along +X and v
+/// along +Y. The radiance of a white plane is the texel for the one, and the texel over pi times cos^3 of
+/// the angle from the axis for the other.
+#[test]
+fn lights_project_images() {
+    let folder = folder();
+    // Four quarters: upper left red, upper right green, lower left blue, lower right dark.
+    let texel = |x: u32, y: u32| match (x < 8, y < 8) {
+        (true, true) => image::Rgb([255, 0, 0]),
+        (false, true) => image::Rgb([0, 255, 0]),
+        (true, false) => image::Rgb([0, 0, 255]),
+        (false, false) => image::Rgb([0, 0, 0]),
+    };
+    image::RgbImage::from_fn(16, 16, texel).save(folder.join("quarters.png")).unwrap();
+    let texture = |name: &str| {
+        format!(
+            r#"<texture name="{name}" type="bitmap"><string name="filename" value="quarters.png"/><boolean name="raw" value="true"/></texture>"#
+        )
+    };
+    let projector = format!(
+        r#"<emitter type="projector"><float name="fov" value="90"/><float name="scale" value="2"/>{}</emitter>"#,
+        texture("irradiance")
+    );
+    let at = projected(&folder, &projector);
+    for (x, y, expected) in [
+        (0.4, 0.6, Vec3::X * 2.0),
+        (-0.3, 0.7, Vec3::Y * 2.0),
+        (0.8, -0.2, Vec3::Z * 2.0),
+        (-0.5, -0.5, Vec3::ZERO),
+        (1.1, 0.5, Vec3::ZERO),
+    ] {
+        assert!(close(at(x, y), expected, 1e-3), "projector at {x} {y}: {} is not {expected}", at(x, y));
+    }
+    let spot = format!(
+        r#"<emitter type="spot"><float name="cutoff_angle" value="45"/><float name="beam_width" value="44.9"/>{}</emitter>"#,
+        texture("texture")
+    );
+    let mirrored = spot.replace("</emitter>", r#"<transform name="to_world"><scale x="-1"/></transform></emitter>"#);
+    for (emitter, sign) in [(spot, 1.0), (mirrored, -1.0)] {
+        let at = projected(&folder, &emitter);
+        for (x, y, color) in [(-0.4, -0.5, Vec3::X), (0.3, -0.4, Vec3::Y), (-0.5, 0.2, Vec3::Z), (0.8, 0.8, Vec3::ZERO)]
+        {
+            let squared: f32 = 1.0 + x * x + y * y;
+            let expected = color / (std::f32::consts::PI * squared * squared.sqrt());
+            let actual = at(sign * x, y);
+            assert!(close(actual, expected, 1e-3), "spot at {x} {y}: {actual} is not {expected}");
+        }
+    }
+    let constant = r#"<emitter type="projector"><float name="fov" value="60"/></emitter>"#;
+    let at = projected(&folder, constant);
+    assert!(close(at(0.4, -0.4), Vec3::ONE, 1e-3) && at(0.6, 0.0) == Vec3::ZERO);
+}
+
+#[test]
+fn skies_have_a_sun() {
+    let sun = |scene: &Scene| match scene.lights[..] {
+        [Light::Sun { direction, irradiance, angle, of_sky: true }] => (direction, irradiance, angle),
+        _ => panic!("{:?}", scene.lights),
+    };
+    let given = |version: &str, kind: &str, more: &str| {
+        let text = format!(
+            r#"<emitter type="{kind}"><vector name="sun_direction" x="1" y="2" z="2"/>
+               <float name="turbidity" value="4"/>{more}</emitter>"#
+        );
+        scene_in(&folder(), version, &text)
+    };
+    let scene = given("3.0.0", "sunsky", r#"<float name="sun_scale" value="2"/>"#);
+    assert_eq!(scene.warnings, Vec::<String>::new());
+    let (direction, irradiance, angle) = sun(&scene);
+    assert!(close(direction, -Vec3::new(1.0, 2.0, 2.0) / 3.0, 1e-6) && (angle.to_degrees() - 0.2666).abs() < 1e-4);
+    let once = sun(&given("3.0.0", "sunsky", "")).1;
+    assert!(close(irradiance, 2.0 * once, 1e-6) && once.x > once.z && once.min_element() > 0.2, "{once}");
+    // +Z is up: the sky is brighter towards the sun than away from it, and black below.
+    let sky = scene.environment.as_ref().unwrap();
+    let value = |towards: Vec3| Sky::new(sky).radiance(towards.normalize());
+    let [front, back] = [Vec3::new(1.0, 2.0, 1.9), Vec3::new(-1.0, -2.0, 2.0)].map(value);
+    assert!(front.x > 2.0 * back.x && back.z > back.x && value(Vec3::new(1.0, 2.0, -0.1)) == Vec3::ZERO);
+    // In 0.5, +Y is.
+    let old = given("0.5.0", "sunsky", "");
+    let sky = old.environment.as_ref().unwrap();
+    let value = |towards: Vec3| Sky::new(sky).radiance(towards.normalize());
+    assert!(value(Vec3::new(-1.0, 0.1, -2.0)).z > 0.0 && value(Vec3::new(1.0, -0.1, 2.0)) == Vec3::ZERO);
+
+    assert!(given("3.0.0", "sky", "").lights.is_empty());
+    assert!(given("0.5.0", "sun", "").environment.is_none());
+    let night = scene_in(&folder(), "3.0.0", r#"<emitter type="sunsky"><float name="hour" value="1"/></emitter>"#);
+    assert!(night.warnings[0].contains("below the horizon") && sun(&night).1 == Vec3::ZERO, "{:?}", night.warnings);
+    // Tokyo, 10 July 2010, 15:00: 46 degrees high, azimuth 264 degrees; +X is south, +Y west.
+    let (direction, ..) = sun(&scene_in(&folder(), "3.0.0", r#"<emitter type="sunsky"/>"#));
+    let [elevation, azimuth] = [46.0_f32, 264.0].map(f32::to_radians);
+    let expected = Vec3::new(-azimuth.cos() * elevation.cos(), -azimuth.sin() * elevation.cos(), elevation.sin());
+    assert!(close(-direction, expected, 0.03), "{direction} is not {}", -expected);
+}
+
 #[test]
 fn an_envmap_turns_with_its_transform() {
     let folder = folder();
@@ -672,8 +789,8 @@ fn what_is_not_supported_is_said_once_and_replaced() {
            <sensor type="perspective_rdist"/>
            <sensor type="irradiancemeter"/>
            <medium type="homogeneous"/>
-           <emitter type="sunsky"/>
-           <emitter type="projector"/>
+           <emitter type="timed_sunsky"/>
+           <emitter type="directionalarea"/>
            <bsdf type="null" id="hole"/>
            <shape type="rectangle"><ref id="hole"/></shape>
            <shape type="cube"><ref id="hole"/></shape>
@@ -691,8 +808,8 @@ fn what_is_not_supported_is_said_once_and_replaced() {
         "without distortion",
         "irradiancemeter",
         "homogeneous",
-        "constant sky",
-        "projector",
+        "the sun does not move",
+        "directionalarea",
         "Unobtainium",
         "hair",
         "sparkle",

@@ -221,6 +221,7 @@ fn light_that_is_met_by_chance() {
             // The paper only meets it, VPLs alone never do.
             let paper = plan(&stats, &with(Strategies::Paper, k));
             assert_eq!((paper.light_vertices, paper.connections.len()), (0, 0));
+            assert!(paper.sky_bundles == stats.environment_map && !all.sky_bundles);
             assert!(extensions(&paper) == expected && paper.extensions.iter().all(|e| e.meets && e.allowed[0]));
             let vpl = plan(&stats, &with(Strategies::Vpl, k));
             assert!(vpl.camera_meets && vpl.extensions.iter().all(|e| !e.meets));

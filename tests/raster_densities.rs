@@ -6,11 +6,13 @@ use std::f32::consts::{PI, TAU};
 
 use common::gpu;
 use common::statistics::{chi_square_tail, p_value};
-use glam::Vec3;
+use glam::{Mat3, Vec3};
+use lightsheaf::bundle_directions::BundleDirections;
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::layouts::{LightDraw, LightPoint, LightRecord, Lighting, PathWeights};
 use lightsheaf::passes::rsm::Rsm;
 use lightsheaf::sampler::{Decision, Sampler, uniform_sphere};
+use lightsheaf::scene::{Environment, EnvironmentMap, Rows};
 
 /// Draws, and paths.
 const MANY: u32 = 1 << 20;
@@ -212,6 +214,55 @@ fn bundles_go_everywhere_alike() {
         println!("bundle {bundle}: p {p:.3}");
         assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(0.25), "bundle {bundle}: p {p}");
     }
+}
+
+/// Under a sky with a map they follow eq. (2): as often as the table says, which integrates to 1 over the directions of a hemisphere.
+#[test]
+fn bundles_go_where_the_sky_is_bright() {
+    let texels: Vec<[f32; 3]> = (0..64 * 32).map(|i| [if i % 64 < 3 { 30.0 } else { i as f32 * 1e-4 }; 3]).collect();
+    for rows in [Rows::Centred, Rows::AtPoles] {
+        let map = EnvironmentMap { width: 64, height: 32, texels: texels.clone(), rows };
+        let turned = Mat3::from_rotation_x(0.7) * Mat3::from_rotation_y(2.0);
+        let sky = Environment { radiance: Vec3::ONE, map: Some(map), world_from_environment: turned };
+        let directions = BundleDirections::new(&sky).unwrap();
+        let [height, width] = [BundleDirections::ROWS, BundleDirections::COLUMNS];
+        let cell = |w: Vec3| {
+            let row = ((0.5 - 0.5 * w.y) * height as f32) as usize;
+            row.min(height - 1) * width
+                + ((w.z.atan2(w.x).rem_euclid(TAU) / TAU * width as f32) as usize).min(width - 1)
+        };
+        let pool = |counts: &[f64]| -> Vec<f64> {
+            let block = |i: usize| {
+                let (row, column) = (i / 16 * 8, i % 16 * 16);
+                (0..128).map(|k| counts[(row + k / 16) * width + column + k % 16]).sum()
+            };
+            (0..256).map(block).collect()
+        };
+        let mut counts = vec![0.0; height * width];
+        for seed in 0..MANY {
+            counts[cell(directions.draw(Sampler::new(seed, 5).get2(Decision::Bundle(0))))] += 1.0;
+        }
+        let solid_angle = 4.0 * PI / (height * width) as f32;
+        // Each of w and -w has half of it.
+        let masses: Vec<f64> = directions.pdfs.iter().map(|p| f64::from(0.5 * p * solid_angle)).collect();
+        let mass: f64 = masses.iter().sum();
+        assert!((mass - 1.0).abs() < 1e-4, "{mass}");
+        let counts: Vec<u64> = pool(&counts).iter().map(|&c| c as u64).collect();
+        let expected: Vec<f64> = pool(&masses).iter().map(|m| m * f64::from(MANY)).collect();
+        let p = p_value(&counts, &expected);
+        println!("{rows:?}: p {p:.3}");
+        assert!(p > 0.5 * SIGNIFICANCE, "{rows:?}: p {p}");
+        let even = vec![f64::from(MANY) / 256.0; 256];
+        assert!(p_value(&counts, &even) < 1e-6, "an even density was not noticed");
+        // Directions towards what shines are denser than others, and so are their opposites.
+        let bright = turned * Vec3::new(0.1, 0.0, -1.0).normalize();
+        let dark = turned * Vec3::X;
+        let at = |w: Vec3| directions.pdfs[cell(w)];
+        assert!(at(bright) > 3.0 * at(dark) && at(-bright) > 3.0 * at(dark), "{} {}", at(bright), at(dark));
+    }
+    let black = EnvironmentMap { width: 2, height: 1, texels: vec![[0.0; 3]; 2], rows: Rows::Centred };
+    let black = Environment { radiance: Vec3::ONE, map: Some(black), world_from_environment: Mat3::IDENTITY };
+    assert!(BundleDirections::new(&black).is_none());
 }
 
 #[test]

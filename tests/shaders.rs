@@ -51,6 +51,10 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
     let has = |flag| set.contains(&flag);
     // A map is an environment; only VPLs are clamped; the last extension exists only to meet light.
     (!has("ENVIRONMENT_MAP") || has("ENVIRONMENT"))
+        // Bundles follow a map, and nothing else than rays or lists answers; a light's table is asked for light alone.
+        && (!has("SKY_BUNDLES") || pass != "extend" || has("ENVIRONMENT_MAP"))
+        && !(has("FAST") && has("RAY_QUERY"))
+        && (!has("RSM") || has("LIGHT") || pass != "connect")
         && !(has("CLAMPED") && has("LIGHT"))
         // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
         && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws"))
@@ -60,7 +64,7 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
 
 /// All sensible subsets.
 fn sets<'a>(pass: &str, flags: &[&'a str]) -> Vec<Vec<&'a str>> {
-    assert!(flags.len() <= 12, "too many sets of {flags:?}: say which are not sensible together");
+    assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
     (0..1_u32 << flags.len())
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .filter(|set| sensible(pass, set))

@@ -528,7 +528,7 @@ fn spots() {
             let (direction, intensity) = (random.direction(), random.color() + 0.2);
             let light = Light::Spot { position: Vec3::ZERO, direction, intensity, inner_angle, outer_angle, falloff };
             let lit = Scene { lights: vec![light], ..scene.clone() };
-            let reference = ReferenceLights::new(&lit, &geometry, &Textures::new(&lit), None);
+            let reference = ReferenceLights::new(&lit, &geometry, None);
             let directions: Vec<Vec3> =
                 (0..2000).map(|_| (direction + random.direction() * random.unit()).normalize()).collect();
             let questions: Vec<_> =

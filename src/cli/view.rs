@@ -3,7 +3,7 @@
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
-use lightsheaf::scene::{self, FovAxis, Projection, Scene};
+use lightsheaf::scene::{self, EnvironmentChange, FovAxis, Projection, Scene};
 use lightsheaf::settings::Settings;
 
 /// Scene, camera and settings.
@@ -28,9 +28,20 @@ pub struct ViewArgs {
     /// Full angle of view along the image's shorter side [default: the camera's own]
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = CAMERA)]
     pub fov: Option<f32>,
+    /// An equirectangular image (.hdr, .exr) in place of the scene's environment, or sky:ELEVATION[,TURBIDITY]: a clear sky with
+    /// the sun at that many degrees above +Z's horizon, and turbidity 1 to 10 [default: 3]
+    #[arg(long, value_name = "FILE", allow_hyphen_values = true, help_heading = ENVIRONMENT)]
+    pub env: Option<String>,
+    /// Multiply the environment's radiance, whether it is the scene's own or --env, and a sky's sun with it
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
+    pub env_scale: Option<f32>,
+    /// Turn the environment about +Y, counter-clockwise as seen from above, and a sky's sun with it
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
+    pub env_rotate: Option<f32>,
 }
 
 const CAMERA: &str = "Camera";
+const ENVIRONMENT: &str = "Environment";
 
 impl ViewArgs {
     /// Loads the scene, says its warnings, and completes the settings from it.
@@ -41,7 +52,7 @@ impl ViewArgs {
         }
         // Before a large scene is loaded for nothing.
         settings.check()?;
-        let mut scene = scene::load(&self.scene)?;
+        let mut scene = scene::load_under(&self.scene, &self.environment()?)?;
         if settings.method.shares_subpaths() {
             scene = scene.without_glass();
         }
@@ -55,6 +66,20 @@ impl ViewArgs {
         }
         settings.check()?;
         Ok((scene, settings))
+    }
+
+    fn environment(&self) -> Result<EnvironmentChange> {
+        if let Some(scale) = self.env_scale.filter(|s| !(0.0..=1e6).contains(s)) {
+            bail!("--env-scale {scale}: has to be 0 to 1000000");
+        }
+        if let Some(degrees) = self.env_rotate.filter(|d| !(-360.0..=360.0).contains(d)) {
+            bail!("--env-rotate {degrees}: has to be -360 to 360 degrees");
+        }
+        Ok(EnvironmentChange {
+            source: self.env.clone(),
+            scale: self.env_scale,
+            rotate: self.env_rotate.map(f32::to_radians),
+        })
     }
 
     fn pick_camera(&self, scene: &Scene) -> Result<usize> {

@@ -13,6 +13,7 @@ macro_rules! modules {
 
 modules!(
     "lib/bsdf",
+    "lib/bundle",
     "lib/camera",
     "lib/depth_map",
     "lib/emission",
@@ -30,6 +31,7 @@ modules!(
     "lib/mis_subpaths",
     "lib/path_vertex",
     "lib/paths",
+    "lib/pattern",
     "lib/random",
     "lib/rsm",
     "lib/sampling",

@@ -5,6 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
+use crate::pixels::PixelBuffers;
 use crate::view::ViewBuffers;
 
 /// The pass.
@@ -30,7 +31,7 @@ impl LightSubpath {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
+        pixels: &PixelBuffers,
         y0: &wgpu::Buffer,
         rsm: Option<&wgpu::Buffer>,
         vertex: u32,
@@ -39,8 +40,8 @@ impl LightSubpath {
         next: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&from.bindings());
+        bindings.extend(pixels.bindings());
         bindings.extend([
-            ("frame", frame.as_entire_binding()),
             ("y0", y0.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
             ("next_view", next.view.as_entire_binding()),

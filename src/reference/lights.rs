@@ -1,10 +1,10 @@
 //! Next-event estimation: lights in three groups, within which they are chosen by power.
 //!
-//! The groups are lights without extent, emissive triangles (area times mean emission) and a mapped sky. Where the camera looks,
-//! each group gets a sample of its own; further down a path one group is chosen, half by power and half evenly, because a sun or
-//! a lamp may be strong elsewhere and dark here. Lights without extent, where they are few, are chosen by what they would give
-//! the receiver if nothing stood between. A constant sky is in no group: BSDF sampling alone finds it without noise from the
-//! choice.
+//! The groups are lights without extent (or with one that nothing meets), parts of emissive triangles (area times mean
+//! emission), and a mapped sky. Where the camera looks, each group gets a sample of its own; further down a path one group is
+//! chosen, half by power and half evenly, because a sun or a lamp may be strong elsewhere and dark here. Lights of the first
+//! group, where they are few, are chosen by what they would give the receiver if nothing stood between. A constant sky is in
+//! no group: BSDF sampling alone finds it without noise from the choice.
 
 use std::f32::consts::{PI, TAU};
 
@@ -13,8 +13,9 @@ use glam::{Vec2, Vec3};
 use super::bvh::NONE;
 use super::distribution::Table;
 use super::environment::{LUMINANCE, Sky};
-use super::texture::Textures;
-use crate::scene::{Emission, Geometry, Light, Scene, SpotFalloff};
+use super::surface::Frame;
+use crate::scene::emitter::{self, Part};
+use crate::scene::{Cone, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff};
 
 /// Up to so many lights without extent are each looked at before one is chosen.
 const FEW: usize = 16;
@@ -22,7 +23,7 @@ const FEW: usize = 16;
 /// A group of lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
-    /// Lights without extent.
+    /// Lights that nothing meets.
     Delta,
     /// Emissive triangles.
     Triangles,
@@ -31,13 +32,15 @@ pub enum Group {
 }
 
 /// All that can be sampled.
-pub struct Lights {
-    delta: Vec<Light>,
+pub struct Lights<'s> {
+    delta: &'s [Light],
+    patterns: &'s [Pattern],
     delta_table: Table,
-    triangles: Vec<u32>,
-    triangle_table: Table,
-    /// Density per area of the points of each triangle within its group; empty where none emits.
-    pdf_a: Vec<f32>,
+    /// Parts of triangles, those of one triangle one after the other.
+    parts: Vec<(u32, Part)>,
+    part_table: Table,
+    /// Of each triangle, the first part, how many it has along a side, and their area; empty where none emits.
+    emitters: Vec<(u32, u32, f32)>,
     /// Groups that are not empty.
     groups: Vec<Group>,
     group_table: Table,
@@ -66,17 +69,17 @@ pub struct LightSample {
     pub direction: Vec3,
     /// What a shadow ray has to reach.
     pub target: Target,
-    /// Of a light without extent: irradiance on a surface that faces it over the probability of its choice. Of one with extent:
+    /// Of a light that nothing meets: irradiance on a surface that faces it over the probability of its choice. Of one with extent:
     /// 1 / `pdf_w`, to be multiplied by the radiance there.
     pub weight: Vec3,
     /// Density per solid angle within the group; none for lights that nothing else can find.
     pub pdf_w: Option<f32>,
 }
 
-impl Lights {
+impl<'s> Lights<'s> {
     /// Gathers the lights of a scene.
     #[must_use]
-    pub fn new(scene: &Scene, geometry: &Geometry, textures: &Textures, sky: Option<&Sky>) -> Self {
+    pub fn new(scene: &'s Scene, geometry: &Geometry, sky: Option<&Sky>) -> Self {
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let cross_section = PI * radius * radius;
         let power = |light: &Light| match *light {
@@ -84,32 +87,35 @@ impl Lights {
             Light::Spot { intensity, inner_angle, outer_angle, .. } => {
                 TAU * (1.0 - (0.5 * (inner_angle + outer_angle)).cos()) * intensity.dot(LUMINANCE)
             }
-            Light::Directional { irradiance, .. } => cross_section * irradiance.dot(LUMINANCE),
+            Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => {
+                cross_section * irradiance.dot(LUMINANCE)
+            }
+            Light::Lamp(lamp) => lamp.power(&scene.patterns).dot(LUMINANCE),
         };
         let delta_table = table(scene.lights.iter().map(power));
 
-        let mean = |emission: &Emission| {
-            let texture = emission.radiance.texture.map_or(Vec3::ONE, |t| textures.mean(&t));
-            (emission.radiance.factor * texture).dot(LUMINANCE) * PI * if emission.two_sided { 2.0 } else { 1.0 }
-        };
-        let means: Vec<f32> = scene.materials.iter().map(|m| m.emission.as_ref().map_or(0.0, mean)).collect();
-        let power = |triangle: u32| means[geometry.materials[triangle as usize] as usize] * area(geometry, triangle);
-        let triangles: Vec<u32> = (0..geometry.triangles.len() as u32).filter(|&t| power(t) > 0.0).collect();
-        let triangle_table = table(triangles.iter().map(|&t| power(t)));
-        let mut pdf_a = vec![0.0; if triangles.is_empty() { 0 } else { geometry.triangles.len() }];
-        for (at, &triangle) in triangles.iter().enumerate() {
-            pdf_a[triangle as usize] = triangle_table.probability(at) / area(geometry, triangle);
+        let (mut parts, mut powers, mut emitters) = (Vec::new(), Vec::new(), Vec::new());
+        for emitter in emitter::emitters(scene, geometry) {
+            emitters.resize(geometry.triangles.len(), (0, 0, 0.0));
+            let of_all = (emitter.parts * emitter.parts) as f32;
+            emitters[emitter.triangle as usize] =
+                (parts.len() as u32, emitter.parts, area(geometry, emitter.triangle) / of_all);
+            let of_triangle = 0..emitter.powers.len() as u32;
+            parts.extend(of_triangle.map(|index| (emitter.triangle, emitter::part(emitter.parts, index))));
+            powers.extend(emitter.powers);
         }
+        let part_table = table(powers.into_iter());
 
         let sky_power = sky.map_or(0.0, |sky| cross_section * sky.power());
         let (groups, powers): (Vec<Group>, Vec<f32>) =
-            [(Group::Delta, delta_table.total()), (Group::Triangles, triangle_table.total()), (Group::Sky, sky_power)]
+            [(Group::Delta, delta_table.total()), (Group::Triangles, part_table.total()), (Group::Sky, sky_power)]
                 .into_iter()
                 .filter(|(_, power)| *power > 0.0)
                 .unzip();
         let even = powers.iter().sum::<f32>() / powers.len().max(1) as f32;
         let group_table = table(powers.iter().map(|p| p + even));
-        Self { delta: scene.lights.clone(), delta_table, triangles, triangle_table, pdf_a, groups, group_table }
+        let (delta, patterns) = (&scene.lights[..], &scene.patterns[..]);
+        Self { delta, patterns, delta_table, parts, part_table, emitters, groups, group_table }
     }
 
     /// The groups that are not empty.
@@ -121,7 +127,7 @@ impl Lights {
     /// Whether a sample of a group needs random numbers at all.
     #[must_use]
     pub fn random(&self, group: Group) -> bool {
-        group != Group::Delta || self.delta.len() > 1
+        group != Group::Delta || self.delta.len() > 1 || self.delta.iter().any(has_size)
     }
 
     /// A group, its probability, and a number for use within it.
@@ -138,11 +144,16 @@ impl Lights {
     }
 
     /// Density per solid angle, within their group, with which a receiver would have sampled a point of a triangle at `distance`,
-    /// seen at `cos`.
+    /// seen at `cos`; `bary` are the weights of its second and third corner.
     #[must_use]
-    pub fn triangle_pdf_w(&self, triangle: u32, distance: f32, cos: f32) -> f32 {
-        let pdf_a = self.pdf_a.get(triangle as usize).copied().unwrap_or(0.0);
-        if pdf_a > 0.0 { pdf_a * distance * distance / cos } else { 0.0 }
+    pub fn triangle_pdf_w(&self, triangle: u32, bary: [f32; 2], distance: f32, cos: f32) -> f32 {
+        match self.emitters.get(triangle as usize) {
+            Some(&(first, parts, area)) if parts > 0 => {
+                let part = first + emitter::part_of(parts, bary);
+                self.part_table.probability(part as usize) / area * distance * distance / cos
+            }
+            _ => 0.0,
+        }
     }
 
     /// A direction from a receiver towards a light of a group; none where the light does not shine there. `facing` is the shading
@@ -163,15 +174,16 @@ impl Lights {
         };
         match group {
             Group::Delta => {
-                let (index, probability) = self.choose_delta(from, facing, u.x)?;
-                let (direction, target, irradiance) = delta(&self.delta[index], from)?;
+                let (index, probability, x) = self.choose_delta(from, facing, u.x)?;
+                let (direction, target, irradiance) = self.delta(&self.delta[index], from, Vec2::new(x, u.y))?;
                 Some(LightSample { direction, target, weight: irradiance / probability, pdf_w: None })
             }
             Group::Triangles => {
-                let (index, _, x) = self.triangle_table.sample(u.x);
-                let triangle = self.triangles[index];
+                let (index, probability, x) = self.part_table.sample(u.x);
+                let (triangle, Part { corner, size }) = self.parts[index];
                 let corners = geometry.positions(triangle as usize);
-                let bary = uniform_triangle(Vec2::new(x, u.y));
+                let [b, c] = uniform_triangle(Vec2::new(x, u.y));
+                let bary = [corner[0] + size * b, corner[1] + size * c];
                 let position = corners[0] * (1.0 - bary[0] - bary[1]) + corners[1] * bary[0] + corners[2] * bary[1];
                 let to = position - from;
                 let distance = to.length();
@@ -179,7 +191,8 @@ impl Lights {
                 let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
                 let cos = normal.dot(direction).abs() / normal.length();
                 let target = Target::Point { position, triangle, bary };
-                extended(direction, target, self.triangle_pdf_w(triangle, distance, cos))
+                let area = self.emitters[triangle as usize].2;
+                extended(direction, target, probability / area * distance * distance / cos)
             }
             Group::Sky => {
                 let (direction, pdf_w) = sky?.sample(u)?;
@@ -189,31 +202,28 @@ impl Lights {
     }
 }
 
-impl Lights {
-    /// A light without extent and its probability.
-    fn choose_delta(&self, from: Vec3, facing: Option<Vec3>, u: f32) -> Option<(usize, f32)> {
+impl Lights<'_> {
+    /// A light that nothing meets, its probability, and where in its share `u` fell.
+    fn choose_delta(&self, from: Vec3, facing: Option<Vec3>, u: f32) -> Option<(usize, f32, f32)> {
         let count = self.delta.len();
         if count == 1 {
-            return Some((0, 1.0));
+            return Some((0, 1.0, u));
         }
         if count > FEW {
-            let (index, probability, _) = self.delta_table.sample(u);
-            return Some((index, probability));
+            return Some(self.delta_table.sample(u));
         }
         let mut gifts = [0.0; FEW];
         let mut total = 0.0;
-        for (gift, light) in gifts.iter_mut().zip(&self.delta) {
-            if let Some((direction, _, irradiance)) = delta(light, from) {
-                let expected = irradiance.dot(LUMINANCE) * facing.map_or(1.0, |normal| direction.dot(normal).max(0.0));
-                // What is not a number must be met sometimes, to be seen.
-                *gift = if expected.is_finite() { expected } else { 1.0 };
-                total += *gift;
-            }
+        for (gift, light) in gifts.iter_mut().zip(self.delta) {
+            let expected = self.expected(light, from, facing);
+            // What is not a number must be met sometimes, to be seen.
+            *gift = if expected.is_finite() { expected } else { 1.0 };
+            total += *gift;
         }
         let mut left = u * total;
         let mut chosen = None;
         for (index, &gift) in gifts[..count].iter().enumerate().filter(|(_, gift)| **gift > 0.0) {
-            chosen = Some((index, gift / total));
+            chosen = Some((index, gift / total, (left / gift).clamp(0.0, 1.0 - f32::EPSILON / 2.0)));
             left -= gift;
             if left < 0.0 {
                 break;
@@ -221,34 +231,120 @@ impl Lights {
         }
         chosen
     }
+
+    /// Luminance of what a light would give a receiver if nothing stood between; of one with a size at least so much as any point
+    /// of it that is not too close.
+    fn expected(&self, light: &Light, from: Vec3, facing: Option<Vec3>) -> f32 {
+        match light {
+            Light::Sun { irradiance, .. } => irradiance.dot(LUMINANCE),
+            Light::Lamp(lamp) if lamp.radius > 0.0 => {
+                lamp.intensity.dot(LUMINANCE) / lamp.position.distance_squared(from).max(lamp.radius * lamp.radius)
+            }
+            _ => self.delta(light, from, Vec2::ZERO).map_or(0.0, |(direction, _, irradiance)| {
+                irradiance.dot(LUMINANCE) * facing.map_or(1.0, |normal| direction.dot(normal).max(0.0))
+            }),
+        }
+    }
+
+    /// Direction to a point of a light that nothing meets, where its shadow ray ends, and irradiance on a surface that faces it.
+    fn delta(&self, light: &Light, from: Vec3, u: Vec2) -> Option<(Vec3, Target, Vec3)> {
+        let towards = |position: Vec3| {
+            let to = position - from;
+            let squared = to.length_squared();
+            (squared > 0.0).then(|| {
+                (to / squared.sqrt(), Target::Point { position, triangle: NONE, bary: [0.0; 2] }, 1.0 / squared)
+            })
+        };
+        match *light {
+            Light::Point { position, intensity } => {
+                let (direction, target, falloff) = towards(position)?;
+                Some((direction, target, intensity * falloff))
+            }
+            Light::Spot { position, direction: axis, intensity, inner_angle, outer_angle, falloff: shape } => {
+                let (direction, target, falloff) = towards(position)?;
+                let cos = -axis.dot(direction);
+                let strength = spot_strength(cos, inner_angle, outer_angle, shape);
+                (strength > 0.0).then(|| (direction, target, intensity * (strength * falloff)))
+            }
+            Light::Directional { direction, irradiance } => Some((-direction, Target::Infinity, irradiance)),
+            Light::Lamp(lamp) => {
+                let (direction, target, falloff) = towards(lamp.position + point_of_ball(u) * lamp.radius)?;
+                let intensity = self.intensity(&lamp, -direction);
+                (intensity != Vec3::ZERO).then(|| (direction, target, intensity * falloff))
+            }
+            Light::Sun { direction, irradiance, angle, .. } => {
+                // Even over the cone, whose middle is as bright as its edge; 2 sin^2(angle / 2) is 1 - cos without cancellation.
+                let sine = (0.5 * angle).sin();
+                let height = u.x * 2.0 * sine * sine;
+                let (r, phi) = ((height * (2.0 - height)).sqrt(), TAU * u.y);
+                let w = Frame::new(-direction).world(Vec3::new(r * phi.cos(), r * phi.sin(), 1.0 - height));
+                // E = L pi sin^2 for radiance L, and L over the density 1 / (2 pi (1 - cos)) is 2 E / (1 + cos).
+                Some((w, Target::Infinity, irradiance * (2.0 / (1.0 + angle.cos()))))
+            }
+        }
+    }
+
+    /// Intensity of a lamp towards a unit direction.
+    fn intensity(&self, lamp: &Lamp, w: Vec3) -> Vec3 {
+        let local = lamp.world_from_lamp.transpose() * w;
+        let cone = lamp.cone.map_or(1.0, |Cone { inner_angle, outer_angle, falloff }| {
+            spot_strength(-local.z, inner_angle, outer_angle, falloff)
+        });
+        lamp.pattern.map_or(Vec3::ONE, |p| pattern_factor(&self.patterns[p], local)) * lamp.intensity * cone
+    }
+}
+
+/// Whether a light is more than a point or a direction.
+fn has_size(light: &Light) -> bool {
+    matches!(light, Light::Sun { .. }) || matches!(light, Light::Lamp(lamp) if lamp.radius > 0.0)
+}
+
+/// A point of the unit ball with density 1 / sqrt(1 - r^2): the ball's points are those of a sphere in four dimensions, seen from
+/// one of them. The last digits of `u` give a third number.
+fn point_of_ball(u: Vec2) -> Vec3 {
+    let (a, b) = (TAU * u.y, TAU * (u.y * 4096.0).fract());
+    let r = u.x.sqrt();
+    Vec3::new(r * a.cos(), r * a.sin(), (1.0 - u.x).max(0.0).sqrt() * b.cos())
+}
+
+/// A pattern's factor of the intensity towards a unit direction in the lamp's space.
+fn pattern_factor(pattern: &Pattern, d: Vec3) -> Vec3 {
+    let [width, height] = [pattern.width, pattern.height].map(|n| n as i64);
+    let bilinear = |x: f32, y: f32, wrap: bool| {
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let texel = |dx: i64, dy: i64| {
+            let column = x.floor() as i64 + dx;
+            let column = if wrap { column.rem_euclid(width) } else { column.clamp(0, width - 1) };
+            let row = (y.floor() as i64 + dy).clamp(0, height - 1);
+            Vec3::from(pattern.texels[(row * width + column) as usize])
+        };
+        let [above, below] = [0, 1].map(|row| texel(0, row).lerp(texel(1, row), fx));
+        above.lerp(below, fy)
+    };
+    match pattern.mapping {
+        Mapping::Sphere => {
+            let polar = d.x.hypot(d.y).atan2(-d.z);
+            let turn = (d.y.atan2(d.x) / TAU).rem_euclid(1.0);
+            bilinear(turn * width as f32, polar / PI * (height - 1) as f32, true)
+        }
+        Mapping::Image { half_extent } | Mapping::Projection { half_extent } => {
+            if d.z >= 0.0 {
+                return Vec3::ZERO;
+            }
+            let at = Vec2::new(d.x, -d.y) / (-d.z * half_extent);
+            if at.abs().max_element() > 1.0 {
+                return Vec3::ZERO;
+            }
+            let at = (at * 0.5 + 0.5) * Vec2::new(width as f32, height as f32) - 0.5;
+            let value = bilinear(at.x, at.y, false);
+            if matches!(pattern.mapping, Mapping::Projection { .. }) { value / (-d.z).powi(3) } else { value }
+        }
+    }
 }
 
 /// A table of powers. Those that are not finite are planted errors: they are sampled like any other and show up in the image.
 fn table(powers: impl Iterator<Item = f32>) -> Table {
     Table::new(&powers.map(|p| if p.is_finite() { p.max(0.0) } else { 1.0 }).collect::<Vec<_>>())
-}
-
-/// Direction to a light without extent, where its shadow ray ends, and irradiance on a surface that faces it.
-fn delta(light: &Light, from: Vec3) -> Option<(Vec3, Target, Vec3)> {
-    let towards = |position: Vec3| {
-        let to = position - from;
-        let squared = to.length_squared();
-        (squared > 0.0)
-            .then(|| (to / squared.sqrt(), Target::Point { position, triangle: NONE, bary: [0.0; 2] }, 1.0 / squared))
-    };
-    match *light {
-        Light::Point { position, intensity } => {
-            let (direction, target, falloff) = towards(position)?;
-            Some((direction, target, intensity * falloff))
-        }
-        Light::Spot { position, direction: axis, intensity, inner_angle, outer_angle, falloff: shape } => {
-            let (direction, target, falloff) = towards(position)?;
-            let cos = -axis.dot(direction);
-            let strength = spot_strength(cos, inner_angle, outer_angle, shape);
-            (strength > 0.0).then(|| (direction, target, intensity * (strength * falloff)))
-        }
-        Light::Directional { direction, irradiance } => Some((-direction, Target::Infinity, irradiance)),
-    }
 }
 
 /// How strongly a spot light shines at an angle from its axis.

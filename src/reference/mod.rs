@@ -71,7 +71,7 @@ pub struct Reference<'s> {
     scene: &'s Scene,
     surfaces: Surfaces<'s>,
     sky: Option<Sky<'s>>,
-    lights: Lights,
+    lights: Lights<'s>,
     bvh: Bvh,
     /// Whether rays can run into light: emissive surfaces or a sky.
     emitters_can_be_hit: bool,
@@ -83,7 +83,7 @@ impl<'s> Reference<'s> {
     pub fn new(scene: &'s Scene) -> Self {
         let surfaces = Surfaces::new(scene);
         let sky = scene.environment.as_ref().map(Sky::new);
-        let lights = Lights::new(scene, &surfaces.geometry, &surfaces.textures, sky.as_ref());
+        let lights = Lights::new(scene, &surfaces.geometry, sky.as_ref());
         let bvh = Bvh::new(&surfaces.geometry, |triangle| {
             let material = surfaces.material(triangle);
             material.alpha_mask.is_some() || material.sides == Sides::OneCulled

@@ -86,7 +86,8 @@ impl Reference<'_> {
             if emitted != Vec3::ZERO {
                 let weight = pdf_w.map_or(1.0, |pdf| {
                     let cos = surface.normal.dot(direction).abs();
-                    let light_pdf_w = self.lights.triangle_pdf_w(hit.triangle, surface.position.distance(origin), cos);
+                    let distance = surface.position.distance(origin);
+                    let light_pdf_w = self.lights.triangle_pdf_w(hit.triangle, hit.bary, distance, cos);
                     power_heuristic(pdf, light_samples(vertex - 1, Group::Triangles) * light_pdf_w)
                 });
                 path.radiance += throughput * emitted * weight;

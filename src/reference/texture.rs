@@ -56,19 +56,6 @@ impl<'s> Textures<'s> {
         }
     }
 
-    /// The mean colour of a texture's image.
-    #[must_use]
-    pub fn mean(&self, reference: &TextureRef) -> Vec3 {
-        let texture = &self.textures[reference.texture];
-        let image = &self.images[texture.image];
-        let sum = image.texels.iter().fold([0.0_f64; 3], |mut sum, &texel| {
-            let texel = self.decode(texture, texel);
-            (0..3).for_each(|c| sum[c] += f64::from(texel[c]));
-            sum
-        });
-        Vec3::from(sum.map(|s| (s / image.texels.len() as f64) as f32))
-    }
-
     fn texel(&self, texture: &Texture, image: &Image, at: Vec2) -> Vec4 {
         let x = wrap(at.x, image.width, texture.wrap[0]);
         let y = wrap(at.y, image.height, texture.wrap[1]);

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use glam::{Mat3, Vec3};
 
-use super::LoadError;
+use super::sky::ClearSky;
+use super::{Light, LoadError, Scene};
 
 /// Where the first and the last row of an equirectangular map lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,6 +41,75 @@ pub struct Environment {
     pub map: Option<EnvironmentMap>,
     /// Rotation from the map's space to the world.
     pub world_from_environment: Mat3,
+}
+
+/// What becomes of a scene's environment when it is loaded.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EnvironmentChange {
+    /// In place of the scene's own: an image as [`EnvironmentMap::load`] reads it, or `sky:ELEVATION[,TURBIDITY]`, a [`ClearSky`]
+    /// whose sun stands so many degrees above the horizon in the direction of +Z.
+    pub source: Option<String>,
+    /// Multiplies the radiance.
+    pub scale: Option<f32>,
+    /// Turns it about +Y, radians.
+    pub rotate: Option<f32>,
+}
+
+impl EnvironmentChange {
+    /// Changes the environment, and the sun that belongs to it.
+    ///
+    /// # Errors
+    /// An image that cannot be read; no sky in `sky:`; a scene without environment, where nothing replaces it.
+    pub fn apply(&self, scene: &mut Scene) -> Result<(), LoadError> {
+        if let Some(source) = &self.source {
+            scene.lights.retain(|light| !matches!(light, Light::Sun { of_sky: true, .. }));
+            let (map, sun) = match source.strip_prefix("sky:") {
+                Some(text) => {
+                    let sky = parse_sky(text).ok_or_else(|| {
+                        LoadError::new(
+                            source,
+                            "is no sky: write sky:ELEVATION or sky:ELEVATION,TURBIDITY with the sun 0 to 90 degrees above the \
+                             horizon and a turbidity of 1 to 10, such as sky:30,3",
+                        )
+                    })?;
+                    (sky.map(), Some(sky.sun()))
+                }
+                None => (EnvironmentMap::load(Path::new(source))?, None),
+            };
+            scene.lights.extend(sun);
+            scene.environment =
+                Some(Environment { radiance: Vec3::ONE, map: Some(map), world_from_environment: Mat3::IDENTITY });
+        }
+        let (scale, turn) = (self.scale.unwrap_or(1.0), Mat3::from_rotation_y(self.rotate.unwrap_or(0.0)));
+        match &mut scene.environment {
+            Some(environment) => {
+                environment.radiance *= scale;
+                environment.world_from_environment = turn * environment.world_from_environment;
+            }
+            None if self.scale.is_some() || self.rotate.is_some() => {
+                let cause = "has no environment to be scaled or rotated; `--env FILE` gives it one";
+                return Err(LoadError::new(&scene.name, cause));
+            }
+            None => {}
+        }
+        for light in &mut scene.lights {
+            if let Light::Sun { direction, irradiance, of_sky: true, .. } = light {
+                *irradiance *= scale;
+                *direction = turn * *direction;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `ELEVATION[,TURBIDITY]`.
+fn parse_sky(text: &str) -> Option<ClearSky> {
+    let (elevation, turbidity) = text.split_once(',').unwrap_or((text, "3"));
+    let [elevation, turbidity] = [elevation, turbidity].map(|number| number.trim().parse::<f32>().ok());
+    let elevation = elevation.filter(|e| (0.0..=90.0).contains(e))?.to_radians();
+    let turbidity = turbidity.filter(|t| (1.0..=10.0).contains(t))?;
+    let towards_sun = Vec3::new(0.0, elevation.sin(), elevation.cos());
+    Some(ClearSky { towards_sun, turbidity, ..ClearSky::default() })
 }
 
 impl EnvironmentMap {

@@ -1,6 +1,10 @@
-//! Lights without extent.
+//! Lights that only sampling can find: without extent, or with one that nothing meets.
 
-use glam::Vec3;
+use std::f32::consts::PI;
+
+use glam::{Mat3, Vec3};
+
+use super::Pattern;
 
 /// How a spot light fades between its inner and outer cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,4 +47,85 @@ pub enum Light {
         /// Irradiance on a surface that faces it, W/m^2 (1 lx is read as 1 W/m^2).
         irradiance: Vec3,
     },
+    /// A point or spot light with more to it: a radius, a pattern.
+    Lamp(Lamp),
+    /// Light from an evenly bright disc infinitely far away. Nothing meets it: neither camera nor mirrors see the disc.
+    Sun {
+        /// Unit direction in which light from its middle travels.
+        direction: Vec3,
+        /// Irradiance on a surface that faces it, W/m^2.
+        irradiance: Vec3,
+        /// Half the angle that the disc spans, radians, above 0 and at most pi / 2.
+        angle: f32,
+        /// Whether it belongs to the environment: it turns, fades and goes with that.
+        of_sky: bool,
+    },
+}
+
+/// A light at a place, of any size and with any pattern.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lamp {
+    /// Its middle, metres, world space.
+    pub position: Vec3,
+    /// Rotation from its own space, where it shines along -Z and +Y is up, to the world.
+    pub world_from_lamp: Mat3,
+    /// Metres. Light leaves a random point of the ball, which from afar looks like an evenly bright disc: of the points
+    /// of the ball, those at r from the middle have a density in proportion to 1 / sqrt(radius^2 - r^2). Nothing meets it.
+    pub radius: f32,
+    /// Radiant intensity, W/sr, where cone and pattern are 1.
+    pub intensity: Vec3,
+    /// Only shines into this, if any.
+    pub cone: Option<Cone>,
+    /// Index into the scene's patterns, whose factors multiply the intensity.
+    pub pattern: Option<usize>,
+}
+
+/// Where a lamp shines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// Half angle in radians inside which it is at full strength.
+    pub inner_angle: f32,
+    /// Half angle in radians outside which it is dark.
+    pub outer_angle: f32,
+    /// How it fades in between.
+    pub falloff: SpotFalloff,
+}
+
+impl Cone {
+    /// What is left of the intensity at an angle from the axis, radians.
+    #[must_use]
+    pub fn strength(&self, angle: f32) -> f32 {
+        let ramp = |inner: f32, outer: f32, at: f32| ((at - outer) / (inner - outer)).clamp(0.0, 1.0);
+        match self.falloff {
+            _ if angle <= self.inner_angle => 1.0,
+            _ if angle >= self.outer_angle => 0.0,
+            SpotFalloff::AngleLinear => ramp(self.inner_angle, self.outer_angle, angle),
+            SpotFalloff::CosineSquared => ramp(self.inner_angle.cos(), self.outer_angle.cos(), angle.cos()).powi(2),
+        }
+    }
+}
+
+impl Lamp {
+    /// The unit direction in which it shines.
+    #[must_use]
+    pub fn direction(&self) -> Vec3 {
+        -self.world_from_lamp.z_axis
+    }
+
+    /// Half angle in radians outside which it is dark, by its cone or its pattern.
+    #[must_use]
+    pub fn outer_angle(&self, patterns: &[Pattern]) -> f32 {
+        let cone = self.cone.map_or(PI, |c| c.outer_angle);
+        self.pattern.map_or(cone, |p| cone.min(patterns[p].outer_angle()))
+    }
+
+    /// Power, watts, per channel.
+    #[must_use]
+    pub fn power(&self, patterns: &[Pattern]) -> Vec3 {
+        let strength = |angle: f32| self.cone.map_or(1.0, |c| c.strength(angle));
+        match self.pattern {
+            Some(pattern) => self.intensity * patterns[pattern].flux(strength),
+            None => self.intensity * (2.0 * PI * (1.0 - self.outer_angle(patterns).cos())),
+        }
+    }
 }

@@ -5,7 +5,8 @@ use std::path::Path;
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 use super::{
-    Camera, Environment, FovAxis, Geometry, Light, LoadError, Mesh, Projection, Scene, builtin, gltf, mitsuba,
+    Camera, Environment, EnvironmentChange, FovAxis, Geometry, Light, LoadError, Mesh, Projection, Scene, builtin,
+    gltf, mitsuba,
 };
 
 /// Most triangles of all instances together: corners have to be countable in 32 bits, with room for acceleration structures.
@@ -18,6 +19,14 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// # Errors
 /// Whatever is wrong with the file, with the place and the cause.
 pub fn load(spec: &str) -> Result<Scene, LoadError> {
+    load_under(spec, &EnvironmentChange::default())
+}
+
+/// As [`load()`], with the environment changed before the scene is completed: one that is given is light.
+///
+/// # Errors
+/// Also what is wrong with the environment.
+pub fn load_under(spec: &str, change: &EnvironmentChange) -> Result<Scene, LoadError> {
     let path = Path::new(spec);
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let mut scene = match extension.as_str() {
@@ -29,6 +38,7 @@ pub fn load(spec: &str) -> Result<Scene, LoadError> {
         }
     };
     scene.name = spec.to_owned();
+    change.apply(&mut scene)?;
     finish(&mut scene, path)?;
     Ok(scene)
 }

@@ -6,28 +6,34 @@
 
 pub mod builtin;
 pub mod camera;
+pub mod emitter;
 pub mod environment;
 pub mod error;
 pub mod geometry;
 pub mod gltf;
+pub mod ies;
 pub mod light;
 pub mod load;
 pub mod material;
 pub mod mesh;
 pub mod mitsuba;
+pub mod pattern;
 pub mod shapes;
+pub mod sky;
 pub mod stats;
 pub mod tangents;
 pub mod texture;
 
 pub use camera::{Camera, FovAxis, Lens, Projection};
-pub use environment::{Environment, EnvironmentMap, Rows};
+pub use emitter::Emitter;
+pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
-pub use light::{Light, SpotFalloff};
-pub use load::load;
+pub use light::{Cone, Lamp, Light, SpotFalloff};
+pub use load::{load, load_under};
 pub use material::{AlphaMask, Boundary, Bsdf, Color, Emission, Fresnel, Material, NormalMap, SMOOTH, Scalar, Sides};
 pub use mesh::{Instance, Mesh};
+pub use pattern::{Mapping, Pattern};
 pub use stats::SceneStats;
 pub use texture::{Filter, Image, Texture, TextureRef, Wrap};
 
@@ -48,6 +54,8 @@ pub struct Scene {
     pub images: Vec<Image>,
     /// Punctual and directional lights. Emissive surfaces are materials with emission.
     pub lights: Vec<Light>,
+    /// Directional patterns that lamps index.
+    pub patterns: Vec<Pattern>,
     /// Radiance from infinitely far away, if any.
     pub environment: Option<Environment>,
     /// At least one after loading; the first is the default.

@@ -15,6 +15,8 @@ pub struct SceneStats {
     pub materials: usize,
     /// Point, spot and directional lights that shine.
     pub lights: usize,
+    /// Whether any of them has a pattern.
+    pub patterns: bool,
     /// Triangles whose material shines.
     pub emissive_triangles: usize,
     /// Whether light comes from infinitely far away.
@@ -55,6 +57,7 @@ impl SceneStats {
             vertices: geometry.vertices.len(),
             materials: scene.materials.len(),
             lights: scene.lights.len(),
+            patterns: !scene.patterns.is_empty(),
             emissive_triangles: count(&|m| m.emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO)),
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),

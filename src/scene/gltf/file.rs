@@ -11,6 +11,7 @@ use ::gltf::json::{self, Index, root::Get};
 use base64::Engine as _;
 use serde::Deserialize;
 
+use super::lights::Profiles;
 use crate::scene::LoadError;
 
 /// A parsed file and the bytes that it refers to.
@@ -21,6 +22,8 @@ pub(super) struct File {
     pub root: json::Root,
     /// Texture transforms of normal maps by material, which the parser's own types leave out.
     pub normal_transforms: HashMap<usize, TextureTransform>,
+    /// Light profiles, which these leave out too.
+    pub profiles: Profiles,
     /// The binary chunk of a GLB.
     chunk: Option<Vec<u8>>,
     /// One for each buffer; none where the file gives no data for it.
@@ -46,13 +49,14 @@ impl File {
         };
         let root = parse(text).map_err(invalid)?;
         let normal_transforms = parse_normal_transforms(text).map_err(invalid)?;
+        let profiles = Profiles::parse(text).map_err(invalid)?;
         let version = root.asset.version.as_str();
         if version.split('.').next() != Some("2") {
             let cause = format!("glTF version {version:?} is not supported: convert the file to glTF 2.0");
             return Err(LoadError::at(path, "asset.version", cause));
         }
         let chunk = chunk.map(<[u8]>::to_vec);
-        Ok(Self { path: path.to_owned(), root, normal_transforms, chunk, buffers: Vec::new() })
+        Ok(Self { path: path.to_owned(), root, normal_transforms, profiles, chunk, buffers: Vec::new() })
     }
 
     /// Checks that every index in the file refers to something, also those that no shown node leads to.
@@ -129,6 +133,11 @@ impl File {
         Ok(&data[offset as usize..end as usize])
     }
 
+    /// A path that is relative to the file's.
+    pub fn beside(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
     /// The bytes behind a `data:` URI or a relative path.
     pub fn fetch(&self, uri: &str, place: &str) -> Result<Vec<u8>, LoadError> {
         let decode = |text: &str| percent_encoding::percent_decode_str(text).collect::<Vec<u8>>();
@@ -149,7 +158,7 @@ impl File {
         if name.contains("://") {
             return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));
         }
-        let path = self.path.parent().unwrap_or(Path::new("")).join(name);
+        let path = self.beside(&name);
         read(&path).map_err(|e| self.error(place, format!("refers to {}: {}", path.display(), e.cause)))
     }
 }

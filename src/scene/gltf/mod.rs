@@ -9,6 +9,7 @@
 
 mod accessor;
 mod file;
+mod lights;
 mod material;
 mod mesh;
 
@@ -16,7 +17,6 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use ::gltf::json::camera::Type as CameraType;
-use ::gltf::json::extensions::scene::khr_lights_punctual::Type as LightType;
 use ::gltf::json::mesh::Semantic;
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{self, Index};
@@ -25,10 +25,11 @@ use glam::{Affine3A, Mat3A, Mat4, Quat, Vec2, Vec3, Vec3A};
 use self::file::File;
 use self::material::Materials;
 use self::mesh::{Budget, Pose, Skin};
-use super::{Camera, FovAxis, Instance, Light, LoadError, Projection, Scene, SpotFalloff, tangents};
+use super::{Camera, FovAxis, Instance, LoadError, Projection, Scene, tangents};
 
 /// Extensions that are read.
-pub const SUPPORTED: [&str; 9] = [
+pub const SUPPORTED: [&str; 10] = [
+    "EXT_lights_ies",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -55,6 +56,9 @@ fn substitute(extension: &str) -> &'static str {
         "KHR_materials_variants" => "the default variant is read",
         "EXT_mesh_gpu_instancing" => "a single instance is read",
         "KHR_node_visibility" => "all nodes are visible",
+        "EXT_lights_image_based" => {
+            "its prefiltered cube map is left out; `--env FILE` takes the image that it was made of"
+        }
         _ => "it is ignored",
     }
 }
@@ -69,7 +73,9 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
     check_extensions(&file, &mut scene)?;
     file.check_references()?;
     file.load_buffers()?;
-    Loader { world: place_nodes(&file)?, file: &file, scene, budget: Budget::default(), meshes: HashMap::new() }.run()
+    let world = place_nodes(&file)?;
+    let (budget, meshes, profiles) = (Budget::default(), HashMap::new(), HashMap::new());
+    Loader { world, file: &file, scene, budget, meshes, profiles }.run()
 }
 
 fn check_extensions(file: &File, scene: &mut Scene) -> Result<(), LoadError> {
@@ -136,6 +142,8 @@ struct Loader<'a> {
     budget: Budget,
     /// The scene's meshes for what nodes show, one for each primitive with triangles.
     meshes: HashMap<MeshKey, Vec<usize>>,
+    /// Patterns of the light profiles that nodes show, and what their 1 stands for.
+    profiles: HashMap<usize, (usize, f32)>,
 }
 
 impl Loader<'_> {
@@ -209,6 +217,10 @@ impl Loader<'_> {
         }
         if let Some(light) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) {
             let light = self.light(light.light, world, &place)?;
+            self.scene.lights.push(light);
+        }
+        if let Some(profile) = self.file.profiles.nodes.get(&index) {
+            let light = self.profile_light(profile, world, &place)?;
             self.scene.lights.push(light);
         }
         Ok(())
@@ -313,42 +325,6 @@ impl Loader<'_> {
         };
         let name = node.name.clone().or_else(|| camera.name.clone()).unwrap_or_else(|| place.clone());
         Ok(Camera { name, world_from_camera: rigid(world), projection, lens: None, film_size: None })
-    }
-
-    fn light(
-        &mut self,
-        index: Index<json::extensions::scene::khr_lights_punctual::Light>,
-        world: Affine3A,
-        place: &str,
-    ) -> Result<Light, LoadError> {
-        let light = self.file.get(index, place, "KHR_lights_punctual.lights")?;
-        let place = format!("KHR_lights_punctual.lights[{}]", index.value());
-        let strength = Vec3::from(light.color) * light.intensity;
-        if !strength.is_finite() || strength.min_element() < 0.0 {
-            return Err(self.file.error(place, "colour times intensity is not a positive number"));
-        }
-        if light.range.is_some() {
-            self.scene
-                .warn("the range of KHR_lights_punctual is ignored: light falls off with the square of the distance");
-        }
-        let position = Vec3::from(world.translation);
-        let direction = -Vec3::from(rigid(world).z_axis);
-        match (&light.type_, &light.spot) {
-            (Checked::Valid(LightType::Point), _) => Ok(Light::Point { position, intensity: strength }),
-            (Checked::Valid(LightType::Directional), _) => Ok(Light::Directional { direction, irradiance: strength }),
-            (Checked::Valid(LightType::Spot), Some(spot)) => {
-                let (inner_angle, outer_angle) = (spot.inner_cone_angle, spot.outer_cone_angle);
-                if !(inner_angle >= 0.0 && inner_angle <= outer_angle && outer_angle <= std::f32::consts::PI) {
-                    return Err(self
-                        .file
-                        .error(place, format!("cone angles {inner_angle} and {outer_angle} make no cone")));
-                }
-                let falloff = SpotFalloff::CosineSquared;
-                Ok(Light::Spot { position, direction, intensity: strength, inner_angle, outer_angle, falloff })
-            }
-            (Checked::Valid(LightType::Spot), None) => Err(self.file.error(place, "a spot light without `spot`")),
-            (Checked::Invalid, _) => Err(self.file.error(place, "unknown type")),
-        }
     }
 }
 

@@ -15,7 +15,7 @@ mod ply;
 mod sensors;
 mod serialized;
 mod shapes;
-mod spectra;
+pub(in crate::scene) mod spectra;
 mod textures;
 mod values;
 mod xml;

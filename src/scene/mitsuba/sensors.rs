@@ -100,7 +100,7 @@ fn lens(sensor: &Plugin) -> Result<Option<Lens>, LoadError> {
 }
 
 /// `fov` along `fov_axis`, or a 35 mm `focal_length`, whose angle spans the diagonal of 36 x 24 mm.
-fn field_of_view(sensor: &Plugin) -> Result<(f32, FovAxis), LoadError> {
+pub(super) fn field_of_view(sensor: &Plugin) -> Result<(f32, FovAxis), LoadError> {
     let error = |cause: &str| Err(sensor.element.error(cause));
     let axis = match sensor.string("fov_axis")?.map(str::to_ascii_lowercase).as_deref() {
         None | Some("x") => FovAxis::X,

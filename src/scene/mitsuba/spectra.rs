@@ -15,7 +15,7 @@ use crate::scene::LoadError;
 
 /// What a colour is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Use {
+pub(in crate::scene) enum Use {
     /// In [0, 1], seen under white light.
     Reflectance,
     /// Light.
@@ -161,7 +161,7 @@ fn planck(element: &Element, scale: f64) -> Result<Vec3, LoadError> {
 }
 
 /// Linear RGB of a spectrum that is linear between its points and zero outside.
-pub(super) fn integrate(pairs: &[[f64; 2]], use_: Use) -> Vec3 {
+pub(in crate::scene) fn integrate(pairs: &[[f64; 2]], use_: Use) -> Vec3 {
     let value = |nm: f64| match pairs.partition_point(|p| p[0] <= nm) {
         0 => 0.0,
         n if n == pairs.len() => {

@@ -1,0 +1,153 @@
+//! An analytic clear sky with its sun.
+//!
+//! The sky is the model of Hosek and Wilkie, "An Analytic Model for Full Spectral Sky-Dome Radiance" (SIGGRAPH 2012), baked into a
+//! map without the sun. The sun is a light of its own: a black body seen through the atmosphere of Preetham, Shirley and Smits, "A
+//! Practical Analytic Model for Daylight" (SIGGRAPH 1999), appendix A.1: Rayleigh scattering, aerosols and ozone; what water
+//! vapour and oxygen absorb, mostly infrared, is left out, and so is the darker limb.
+//!
+//! Units: a radiance of 1 is 1 W m^-2 sr^-1 nm^-1, averaged as the eye sees it, and an irradiance of 1 is 1 W m^-2 nm^-1, as in
+//! Mitsuba 3. So skies lie near 0.1 and a high sun near 1.5; times 683 lm/W times 106.9 nm they are candelas per square metre and
+//! lux.
+
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+
+use glam::Vec3;
+use hw_skymodel::rgb::{Channel, SkyParams, SkyState};
+
+use super::mitsuba::spectra;
+use super::{EnvironmentMap, Light, Rows};
+
+/// A sky over a horizontal plane, with +Y up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClearSky {
+    /// Unit.
+    pub towards_sun: Vec3,
+    /// Haze: 1 (none) to 10; 3 is a clear day in a temperate climate.
+    pub turbidity: f32,
+    /// Reflectance of the ground, which lightens the sky, in [0, 1]. The ground itself is black.
+    pub albedo: Vec3,
+    /// Multiplies the sky's radiance.
+    pub sky_scale: f32,
+    /// Multiplies the sun's irradiance.
+    pub sun_scale: f32,
+    /// Half the angle that the sun spans, radians.
+    pub sun_angle: f32,
+}
+
+impl Default for ClearSky {
+    fn default() -> Self {
+        Self {
+            towards_sun: Vec3::Y,
+            turbidity: 3.0,
+            albedo: Vec3::splat(0.3),
+            sky_scale: 1.0,
+            sun_scale: 1.0,
+            sun_angle: SUN_ANGLE,
+        }
+    }
+}
+
+/// Half the angle that the sun spans on average: 0.2666 degrees.
+pub const SUN_ANGLE: f32 = 0.2666 * PI / 180.0;
+
+/// Texels of the baked map: the aureole around the sun, where the sky is steepest, is several degrees wide.
+const SIZE: [u32; 2] = [512, 256];
+
+/// Integral of the observer's y over wavelength, nm: a spectrum that is 1 everywhere has luminance 1 after division by it.
+const OBSERVER: f32 = 106.856_895;
+
+impl ClearSky {
+    /// The sky without its sun; black below the horizon, and everywhere when the sun is below it.
+    #[must_use]
+    pub fn map(&self) -> EnvironmentMap {
+        let [width, height] = SIZE;
+        let sun = self.towards_sun;
+        let params = SkyParams {
+            elevation: sun.y.clamp(0.0, 1.0).asin().min(FRAC_PI_2),
+            turbidity: self.turbidity.clamp(1.0, 10.0),
+            albedo: self.albedo.clamp(Vec3::ZERO, Vec3::ONE).to_array(),
+        };
+        // Fails for values out of range, and for a sun that is not a number.
+        let state = SkyState::new(&params).ok().filter(|_| sun.y >= 0.0);
+        let texel = |i: u32| {
+            let theta = PI * ((i / width) as f32 + 0.5) / height as f32;
+            let phi = TAU * ((i % width) as f32 + 0.5) / width as f32;
+            let towards = Vec3::new(phi.sin() * theta.sin(), theta.cos(), -phi.cos() * theta.sin());
+            match &state {
+                Some(state) if theta < FRAC_PI_2 => {
+                    // The angle between unit vectors, also where it is small.
+                    let gamma = 2.0 * (0.5 * towards.distance(sun)).min(1.0).asin();
+                    [Channel::R, Channel::G, Channel::B]
+                        .map(|c| (state.radiance(theta, gamma, c) * (self.sky_scale / OBSERVER)).max(0.0))
+                }
+                _ => [0.0; 3],
+            }
+        };
+        EnvironmentMap { width, height, texels: (0..width * height).map(texel).collect(), rows: Rows::Centred }
+    }
+
+    /// The sun.
+    #[must_use]
+    pub fn sun(&self) -> Light {
+        let irradiance = sun_irradiance(self.towards_sun.y, self.turbidity) * self.sun_scale;
+        Light::Sun { direction: -self.towards_sun, irradiance, angle: self.sun_angle, of_sky: true }
+    }
+}
+
+/// Irradiance on a surface that faces the sun at a sine of its elevation; none below the horizon.
+fn sun_irradiance(sine: f32, turbidity: f32) -> Vec3 {
+    if sine < 0.0 {
+        return Vec3::ZERO;
+    }
+    let (sine, turbidity) = (f64::from(sine.min(1.0)), f64::from(turbidity));
+    let zenith = sine.acos().to_degrees();
+    let mass = 1.0 / (sine + 0.15 * (93.885 - zenith).powf(-1.253));
+    let beta = 0.046_08 * turbidity - 0.045_86;
+    let spectrum = |nm: f64| {
+        let um = nm * 1e-3;
+        // Planck's law for the photosphere at 5778 K, W m^-2 sr^-1 nm^-1, over the sun's solid angle.
+        let radiance = 1.191_042_972e20 / (nm.powi(5) * ((1.438_776_877e7 / (nm * 5778.0)).exp() - 1.0));
+        // The Chappuis band of ozone, 0.35 cm of it, as a bell: within 0.02 per cm of the table.
+        let ozone = 0.125 * (-0.5 * ((nm - 595.0) / 45.0).powi(2)).exp();
+        let depth = 0.008_735 * um.powf(-4.08) + beta * um.powf(-1.3) + 0.35 * ozone;
+        radiance * 6.807e-5 * (-depth * mass).exp()
+    };
+    let pairs: Vec<[f64; 2]> = (36..=83).map(|i| 10.0 * f64::from(i)).map(|nm| [nm, spectrum(nm)]).collect();
+    spectra::integrate(&pairs, spectra::Use::Radiance)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By the figures of the paper's model at turbidity 3: the sun loses about a third on its way from the zenith and most at the
+    /// horizon, where it is red; the sky is blue and as bright as clear skies are, some thousand candelas per square metre.
+    #[test]
+    fn sun_and_sky_have_natural_strength() {
+        let luminance = |rgb: Vec3| rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+        let lux = |sine: f32| luminance(sun_irradiance(sine, 3.0)) * OBSERVER * 683.0;
+        assert!((85e3..110e3).contains(&lux(1.0)), "{} lux from the zenith", lux(1.0));
+        assert!(lux(0.5) < lux(1.0) && lux(0.02) < 0.1 * lux(1.0) && lux(-0.01) == 0.0);
+        let low = sun_irradiance(0.05, 3.0);
+        assert!(low.x > 3.0 * low.z, "{low}");
+
+        let sky = ClearSky { towards_sun: Vec3::new(0.0, 0.6, 0.8), ..ClearSky::default() };
+        let map = sky.map();
+        assert_eq!((map.width, map.height), (512, 256));
+        assert!(map.texels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
+        // Irradiance of the ground by the sky alone: 8,000 to 20,000 lux at this elevation.
+        let mut irradiance = Vec3::ZERO;
+        for (i, texel) in map.texels.iter().enumerate() {
+            let theta = PI * ((i / 512) as f32 + 0.5) / 256.0;
+            irradiance += Vec3::from(*texel) * (theta.cos() * theta.sin() * PI / 256.0 * TAU / 512.0);
+        }
+        let ground = luminance(irradiance) * OBSERVER * 683.0;
+        assert!((8e3..20e3).contains(&ground), "{ground} lux");
+        assert!(irradiance.z > irradiance.x, "{irradiance}");
+        // The map's centre is +Z, where the sun stands: the brightest column.
+        let row = &map.texels[96 * 512..97 * 512];
+        let brightest = (0..512).max_by(|&a, &b| row[a][1].total_cmp(&row[b][1])).unwrap();
+        assert!((254..=257).contains(&brightest), "{brightest}");
+        assert!(ClearSky { towards_sun: Vec3::NEG_Y, ..sky }.map().texels.iter().flatten().all(|v| *v == 0.0));
+    }
+}
