@@ -152,7 +152,7 @@ layouts! {
         even_choice: u32,
         tree_lights: u32,
         tree_share: f32,
-        pad: u32,
+        biased_reuse: u32,
     }
 
     /// What shines, as a whole.
@@ -205,6 +205,26 @@ layouts! {
         barycentric: [f32; 2],
         d: f32,
         c: f32,
+    }
+
+    /// What a pixel's path meets first; the host only needs its size.
+    struct FirstHit in "reservoirs" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        distance: f32,
+        pad: f32,
+    }
+
+    /// A light sample that stands for many; the host only needs its size.
+    struct Reservoir in "reservoirs" {
+        light: u32,
+        confidence: f32,
+        u: [f32; 2],
+        weight: f32,
+        aim: f32,
+        pad0: f32,
+        pad1: f32,
     }
 
     /// A question to samplers.

@@ -14,11 +14,12 @@ use crate::light_table::{LightTable, Met};
 use crate::light_tree::LightTree;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
+use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
 use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Geometry, Projection, Scene, SceneStats};
-use crate::settings::{LightSampling, Method, OnlyStrategy, Settings};
+use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
 /// Samples between looks at the log.
 const BATCH: u64 = 8;
@@ -50,6 +51,7 @@ pub struct PathRenderer<'gpu> {
     constants: layouts::Paths,
     plan: PathPlan,
     light_paths: Option<LightPaths>,
+    reservoirs: Option<Reservoirs>,
     eye_paths: EyePaths,
     resolve: Resolve,
     shared: Shared,
@@ -74,7 +76,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
         let mut light_nodes = None;
-        if plan.light_sampling == LightSampling::Tree {
+        if plan.light_sampling.has_tree() {
             let tree = LightTree::new(&table, scene, &geometry);
             table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
             check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
@@ -94,6 +96,7 @@ impl<'gpu> PathRenderer<'gpu> {
             even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
             tree_lights: table.finite as u32,
             tree_share: table.finite_share(),
+            biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
             ..Default::default()
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");
@@ -101,6 +104,10 @@ impl<'gpu> PathRenderer<'gpu> {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
+            reservoirs: plan
+                .light_sampling
+                .resamples()
+                .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir)),
             eye_paths: EyePaths::new(gpu, &plan.flags),
             resolve: Resolve::new(gpu, &plan.flags),
             shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
@@ -165,7 +172,8 @@ impl<'gpu> PathRenderer<'gpu> {
     /// One sample of every pixel.
     fn sample(&self, number: u64) {
         let pixels = self.settings.width * self.settings.height;
-        let bindings = self.bindings();
+        let mut bindings = self.bindings();
+        bindings.extend(self.reservoirs.iter().flat_map(|r| r.bindings(number)));
         for first in (0..pixels).step_by(self.plan.group as usize) {
             let count = self.plan.group.min(pixels - first);
             self.describe(number, first, count);
@@ -173,6 +181,9 @@ impl<'gpu> PathRenderer<'gpu> {
                 self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
             if let Some(light_paths) = &self.light_paths {
                 light_paths.record(self.gpu, &mut encoder, count, &bindings);
+            }
+            if let Some(reservoirs) = &self.reservoirs {
+                reservoirs.record(self.gpu, &mut encoder, count, &bindings);
             }
             self.eye_paths.record(self.gpu, &mut encoder, count, &bindings);
             if first + count == pixels {

@@ -133,6 +133,34 @@ pub enum LightSampling {
     Power,
     /// By power, distance and orientation, through a tree.
     Tree,
+    /// The same, and where the camera looks by resampling what the tree gives.
+    Ris,
+    /// With what the pixel and its neighbours kept in the last sample (ReSTIR DI).
+    Restir,
+}
+
+impl LightSampling {
+    /// Whether lights are chosen down a tree.
+    #[must_use]
+    pub fn has_tree(self) -> bool {
+        matches!(self, Self::Tree | Self::Ris | Self::Restir)
+    }
+
+    /// Whether the light of what the camera sees is resampled.
+    #[must_use]
+    pub fn resamples(self) -> bool {
+        matches!(self, Self::Ris | Self::Restir)
+    }
+}
+
+/// How reused light samples are weighted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RestirBias {
+    /// By the pixels that could have kept them, with rays that ask whether these see them.
+    Unbiased,
+    /// By all pixels that were asked: faster, and dark where their visibility differs.
+    Biased,
 }
 
 /// The name that the command line knows a value by.
@@ -153,6 +181,12 @@ impl fmt::Display for Visibility {
 }
 
 impl fmt::Display for LightSampling {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for RestirBias {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&name(self))
     }
@@ -199,9 +233,12 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
-    /// How a surface chooses its light [default: tree where more than one light is somewhere, else power]
+    /// How a surface chooses its light; ris and restir are options of path [default: tree where more than one light is somewhere, else power]
     #[arg(long, value_enum, help_heading = RAYS)]
     pub light_sampling: Option<LightSampling>,
+    /// How `--light-sampling restir` weights what it reuses
+    #[arg(long, value_enum, default_value_t = Self::default().restir_bias, help_heading = RAYS)]
+    pub restir_bias: RestirBias,
     /// The one strategy that counts, for images per strategy.
     #[arg(skip)]
     pub only: Option<OnlyStrategy>,
@@ -251,6 +288,7 @@ impl Default for Settings {
             strategies: Strategies::All,
             beta: None,
             light_sampling: None,
+            restir_bias: RestirBias::Unbiased,
             only: None,
             bundle_resolution: None,
             light_resolution: None,
@@ -350,6 +388,9 @@ impl Settings {
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
         let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
+        let resampling = self.light_sampling.filter(|l| l.resamples());
+        let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
+        let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
         let changed = [
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
@@ -357,6 +398,8 @@ impl Settings {
             ("--paper-clamp", clamp, "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", self.light_sampling.filter(|_| !paths).map(|l| l.to_string()), "ray-query and path"),
+            ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
+            ("--restir-bias", bias, "path with --light-sampling restir"),
         ];
         let resolutions =
             self.resolutions().map(|(option, r)| (option, r.filter(|_| !raster).map(|r| r.to_string()), "raster"));
@@ -429,7 +472,11 @@ mod tests {
             ("--aperture", Settings { aperture: Some(-0.1), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(f32::NAN), ..base.clone() }),
             ("--focus", Settings { focus: Some(0.0), ..base.clone() }),
-            ("--light-sampling", Settings { light_sampling: Some(LightSampling::Tree), ..base }),
+            ("--light-sampling", Settings { light_sampling: Some(LightSampling::Tree), ..base.clone() }),
+            ("--light-sampling", {
+                Settings { method: Method::RayQuery, light_sampling: Some(LightSampling::Ris), ..base.clone() }
+            }),
+            ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),
