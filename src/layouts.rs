@@ -150,6 +150,10 @@ layouts! {
         only_t: u32,
         unweighted: u32,
         splat_scale: f32,
+        even_choice: u32,
+        tree_lights: u32,
+        tree_share: f32,
+        biased_reuse: u32,
     }
 
     /// What shines, as a whole.
@@ -178,9 +182,19 @@ layouts! {
         cos_inner: f32,
         cos_outer: f32,
         falloff: u32,
-        pad: u32,
+        trail: u32,
         right: [f32; 3],
         radius: f32,
+    }
+
+    /// A node of the tree that lights are chosen by.
+    struct LightNode in "eye_paths" {
+        center: [f32; 3],
+        radius2: f32,
+        strength: f32,
+        child: u32,
+        axis: u32,
+        cosines: u32,
     }
 
     /// A vertex of a light subpath of the path methods; the host only needs its size.
@@ -192,6 +206,26 @@ layouts! {
         barycentric: [f32; 2],
         d: f32,
         c: f32,
+    }
+
+    /// What a pixel's path meets first; the host only needs its size.
+    struct FirstHit in "reservoirs" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        distance: f32,
+        pad: f32,
+    }
+
+    /// A light sample that stands for many; the host only needs its size.
+    struct Reservoir in "reservoirs" {
+        light: u32,
+        confidence: f32,
+        u: [f32; 2],
+        weight: f32,
+        aim: f32,
+        pad0: f32,
+        pad1: f32,
     }
 
     /// A question to samplers.

@@ -88,6 +88,7 @@ pub mod gpu_scene;
 pub mod iteration;
 pub mod layouts;
 pub mod light_table;
+pub mod light_tree;
 pub mod metrics;
 pub mod passes;
 pub mod path_plan;

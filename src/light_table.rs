@@ -16,9 +16,9 @@ const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 // LightRecord.kind of lib/light.wesl.
 const POINT: u32 = 0;
-const SPOT: u32 = 1;
+pub(crate) const SPOT: u32 = 1;
 const DIRECTIONAL: u32 = 2;
-const AREA: u32 = 4;
+pub(crate) const AREA: u32 = 4;
 const SKY: u32 = 5;
 
 /// Which of the lights that a path from the camera can run into are chosen as well.
@@ -32,9 +32,13 @@ pub enum Met {
     Never,
 }
 
+/// Steps of the numbers that choose: no light that shines has a probability of less than one of them.
+const STEPS: f64 = (1 << 24) as f64;
+
 /// The lights, as the shaders read them.
+#[derive(Default)]
 pub struct LightTable {
-    /// One each; where there is none, one that nothing chooses.
+    /// One each, those infinitely far away last; where there is none, one that nothing chooses.
     pub records: Vec<LightRecord>,
     /// Cumulative probabilities.
     pub sums: Vec<f32>,
@@ -48,6 +52,10 @@ pub struct LightTable {
     pub lighting: Lighting,
     /// Luminance of all power, watts.
     pub power: f32,
+    /// Of each light.
+    pub powers: Vec<f32>,
+    /// Lights that are somewhere.
+    pub finite: usize,
 }
 
 /// What an environment map's cells hold.
@@ -121,6 +129,12 @@ impl LightTable {
         Self { patterns, ..Self::from_groups(groups, geometry, lighting, sky_shares) }
     }
 
+    /// Probability of those that are somewhere.
+    #[must_use]
+    pub fn finite_share(&self) -> f32 {
+        self.finite.checked_sub(1).map_or(0.0, |last| self.sums[last])
+    }
+
     /// Number of lights that shine.
     #[must_use]
     pub fn count(&self) -> u32 {
@@ -145,36 +159,37 @@ impl LightTable {
         let powers: Vec<f64> = groups.iter().map(|g| g.iter().map(|(_, p)| countable(*p)).sum()).collect();
         let total: f64 = powers.iter().sum();
         let shining = powers.iter().filter(|p| **p > 0.0).count() as f64;
-        let mut out = Self {
-            records: Vec::new(),
-            sums: Vec::new(),
-            emitters: Vec::new(),
-            patterns: Vec::new(),
-            sky_shares,
-            lighting,
-            power: total as f32,
-        };
-        let mut sum = 0.0_f64;
-        for (group, power) in groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0) {
+        let mut out = Self { sky_shares, lighting, power: total as f32, ..Self::default() };
+        let shares = groups.into_iter().zip(powers).filter(|(_, power)| *power > 0.0).flat_map(|(group, power)| {
             let of_group = 0.5 * power / total + 0.5 / shining;
-            for (mut record, own) in group {
-                let before = sum as f32;
-                sum += countable(own) / power * of_group;
-                record.probability = sum as f32 - before;
-                match record.kind {
-                    AREA => {
-                        out.emitters.resize(geometry.triangles.len(), [0; 2]);
-                        let emitter = &mut out.emitters[record.triangle as usize];
-                        if emitter[1] == 0 {
-                            *emitter = [out.records.len() as u32, record.falloff];
-                        }
+            group.into_iter().map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
+        });
+        let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !record.is_infinite());
+        out.finite = lights.len();
+        lights.extend(infinite);
+        // Sums are whole steps, so that their differences are exact, and who shines has one at least.
+        let count = lights.iter().filter(|(_, power, _)| *power > 0.0).count() as f64;
+        let floor = if count < 0.5 * STEPS { 1.0 } else { 0.0 };
+        let mut sum = 0.0_f64;
+        for (mut record, power, share) in lights {
+            sum += share * (STEPS - floor * count) + if power > 0.0 { floor } else { 0.0 };
+            let before = out.sums.last().copied().unwrap_or(0.0);
+            let after = ((sum + 1e-3).floor() / STEPS).min(1.0) as f32;
+            record.probability = after - before;
+            match record.kind {
+                AREA => {
+                    out.emitters.resize(geometry.triangles.len(), [0; 2]);
+                    let emitter = &mut out.emitters[record.triangle as usize];
+                    if emitter[1] == 0 {
+                        *emitter = [out.records.len() as u32, record.falloff];
                     }
-                    SKY => out.lighting.environment_probability = record.probability,
-                    _ => (),
                 }
-                out.records.push(record);
-                out.sums.push(sum as f32);
+                SKY => out.lighting.environment_probability = record.probability,
+                _ => (),
             }
+            out.records.push(record);
+            out.sums.push(after);
+            out.powers.push(power as f32);
         }
         out.lighting.light_count = out.sums.len() as u32;
         if out.records.is_empty() {

@@ -3,10 +3,10 @@
 use std::fmt;
 
 use crate::gpu::Capabilities;
-use crate::layouts::PathVertex;
+use crate::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::plan::PlannedPass;
-use crate::scene::{Scene, SceneStats};
-use crate::settings::{Method, Settings, UNLIMITED};
+use crate::scene::{Light, Scene, SceneStats};
+use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
 
 /// Bounces that nothing reaches: roulette ends paths long before.
 const ENDLESS: u32 = 1 << 24;
@@ -23,6 +23,8 @@ pub struct PathPlan {
     pub flags: Vec<&'static str>,
     /// Bounces of a path at most.
     pub bounces: u32,
+    /// How surfaces choose their lights.
+    pub light_sampling: LightSampling,
     /// Pixels whose subpaths are traced together, so that what is stored of them can be bound.
     pub group: u32,
     /// Bytes of the stored light subpaths.
@@ -37,6 +39,13 @@ impl PathPlan {
     pub fn new(scene: &Scene, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
         let both_sides = settings.method == Method::RayQuery;
         let glossy = stats.glossy_triangles > 0;
+        let somewhere =
+            scene.lights.iter().filter(|l| !matches!(l, Light::Directional { .. } | Light::Sun { .. })).count();
+        let light_sampling = settings.light_sampling.unwrap_or(if somewhere + stats.emissive_triangles > 1 {
+            LightSampling::Tree
+        } else {
+            LightSampling::Power
+        });
         let flags = [
             ("TEXTURES", stats.texels > 0),
             ("VERTEX_COLORS", stats.vertex_colors),
@@ -49,6 +58,8 @@ impl PathPlan {
             ("ENVIRONMENT", stats.environment),
             ("ENVIRONMENT_MAP", stats.environment_map),
             ("LIGHT_PATHS", both_sides),
+            ("LIGHT_TREE", light_sampling.has_tree()),
+            ("RESERVOIRS", light_sampling.resamples()),
         ];
         let flags = flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect();
 
@@ -70,6 +81,15 @@ impl PathPlan {
                 },
             },
             PlannedPass {
+                name: "reservoirs",
+                runs: if light_sampling.resamples() { runs } else { 0 },
+                reason: match light_sampling {
+                    LightSampling::Restir => "light of what pixels see, resampled with what was kept before".to_owned(),
+                    LightSampling::Ris => "light of what pixels see, resampled".to_owned(),
+                    other => format!("lights are chosen by {other} alone"),
+                },
+            },
+            PlannedPass {
                 name: "eye_paths",
                 runs,
                 reason: if both_sides {
@@ -81,9 +101,14 @@ impl PathPlan {
             PlannedPass { name: "resolve", runs: 1, reason: "film".to_owned() },
         ];
         let vertex_bytes = group * per_pixel;
-        // Image, film and, where light subpaths meet the camera, splats.
-        let bytes = pixels * (16 + 32 + if both_sides { 24 } else { 0 }) + vertex_bytes;
-        Self { passes, flags, bounces, group: group as u32, vertex_bytes, bytes }
+        // Image, film, what resampling keeps and, where light subpaths meet the camera, splats.
+        let kept = match light_sampling {
+            LightSampling::Restir => 2 * (size_of::<FirstHit>() + size_of::<Reservoir>()) as u64,
+            LightSampling::Ris => size_of::<FirstHit>() as u64,
+            _ => 0,
+        };
+        let bytes = pixels * (16 + 32 + kept + if both_sides { 24 } else { 0 }) + vertex_bytes;
+        Self { passes, flags, bounces, light_sampling, group: group as u32, vertex_bytes, bytes }
     }
 }
 
@@ -96,6 +121,7 @@ impl fmt::Display for PathPlan {
         }
         let code = if self.flags.is_empty() { "diffuse only".to_owned() } else { self.flags.join(" ") };
         writeln!(f, "shader code    {code}")?;
+        writeln!(f, "lights         chosen by {}", self.light_sampling)?;
         writeln!(f, "groups         {} pixels", self.group)?;
         write!(f, "memory         {:.1} MB beside the scene", self.bytes as f64 * 1e-6)
     }
@@ -122,18 +148,29 @@ mod tests {
     #[test]
     fn light_subpaths_are_stored_in_groups_that_can_be_bound() {
         let small = plan(&Settings { method: Method::RayQuery, width: 64, height: 64, ..Settings::default() });
-        assert_eq!((small.group, small.passes[0].runs, small.passes[1].runs), (64 * 64, 1, 1));
+        assert_eq!((small.group, small.passes[0].runs, small.passes[2].runs), (64 * 64, 1, 1));
         assert_eq!(small.flags, ["LIGHT_PATHS"]);
         let deep = Settings { method: Method::RayQuery, width: 512, height: 512, bounces: 64, ..Settings::default() };
         let deep = plan(&deep);
         assert!(deep.vertex_bytes <= 128 << 20 && deep.passes[0].runs == 7, "{deep}");
-        assert_eq!(deep.passes[0].runs, deep.passes[1].runs);
+        assert_eq!(deep.passes[0].runs, deep.passes[2].runs);
     }
 
     #[test]
     fn path_tracing_has_no_light_subpaths() {
         let path = plan(&Settings { method: Method::Path, bounces: UNLIMITED, ..Settings::default() });
-        assert_eq!((path.passes[0].runs, path.vertex_bytes, path.passes[1].runs), (0, 0, 1));
+        assert_eq!((path.passes[0].runs, path.vertex_bytes, path.passes[2].runs), (0, 0, 1));
         assert!(path.flags.is_empty() && path.to_string().contains("skip"));
+    }
+
+    #[test]
+    fn what_is_resampled_is_kept() {
+        let of = |light_sampling| plan(&Settings { method: Method::Path, light_sampling, ..Settings::default() });
+        let (none, ris) = (of(None), of(Some(LightSampling::Ris)));
+        let restir = of(Some(LightSampling::Restir));
+        assert_eq!([&none, &ris, &restir].map(|p| p.passes[1].runs), [0, 1, 1]);
+        assert_eq!(none.passes[1].name, "reservoirs");
+        assert!(none.bytes < ris.bytes && ris.bytes < restir.bytes);
+        assert_eq!(restir.flags, ["LIGHT_TREE", "RESERVOIRS"]);
     }
 }

@@ -6,18 +6,20 @@
 //! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
 
 use crate::film::Film;
-use crate::gpu::{Gpu, read_back};
+use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::{LightTable, Met};
+use crate::light_tree::LightTree;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
+use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
 use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Geometry, Projection, Scene, SceneStats};
-use crate::settings::{Method, OnlyStrategy, Settings};
+use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
 /// Samples between looks at the log.
 const BATCH: u64 = 8;
@@ -29,6 +31,7 @@ const ANY: u32 = u32::MAX;
 struct Shared {
     frame: wgpu::Buffer,
     paths: wgpu::Buffer,
+    light_nodes: Option<wgpu::Buffer>,
 }
 
 /// Buffers per pixel.
@@ -48,6 +51,7 @@ pub struct PathRenderer<'gpu> {
     constants: layouts::Paths,
     plan: PathPlan,
     light_paths: Option<LightPaths>,
+    reservoirs: Option<Reservoirs>,
     eye_paths: EyePaths,
     resolve: Resolve,
     shared: Shared,
@@ -69,10 +73,17 @@ impl<'gpu> PathRenderer<'gpu> {
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
-        let table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
+        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
+        let mut light_nodes = None;
+        if plan.light_sampling.has_tree() {
+            let tree = LightTree::new(&table, scene, &geometry);
+            table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
+            check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
+            light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
+        }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         gpu_scene.accelerate(gpu, scene, &geometry)?;
-        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
         let constants = layouts::Paths {
             seed: settings.seed,
@@ -82,6 +93,10 @@ impl<'gpu> PathRenderer<'gpu> {
             only_s: ANY,
             only_t: ANY,
             splat_scale: splat_scale(table.power, gpu_scene.sphere().1),
+            even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
+            tree_lights: table.finite as u32,
+            tree_share: table.finite_share(),
+            biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
             ..Default::default()
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");
@@ -89,9 +104,13 @@ impl<'gpu> PathRenderer<'gpu> {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
+            reservoirs: plan
+                .light_sampling
+                .resamples()
+                .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir)),
             eye_paths: EyePaths::new(gpu, &plan.flags),
             resolve: Resolve::new(gpu, &plan.flags),
-            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths") },
+            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
                 film: gpu.storage("film", pixels * 32),
@@ -131,6 +150,7 @@ impl<'gpu> PathRenderer<'gpu> {
             ("film", self.pixels.film.as_entire_binding()),
             ("log", self.pixels.log.as_entire_binding()),
         ]);
+        bindings.extend(self.shared.light_nodes.as_ref().map(|nodes| ("light_nodes", nodes.as_entire_binding())));
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
         }
@@ -152,7 +172,8 @@ impl<'gpu> PathRenderer<'gpu> {
     /// One sample of every pixel.
     fn sample(&self, number: u64) {
         let pixels = self.settings.width * self.settings.height;
-        let bindings = self.bindings();
+        let mut bindings = self.bindings();
+        bindings.extend(self.reservoirs.iter().flat_map(|r| r.bindings(number)));
         for first in (0..pixels).step_by(self.plan.group as usize) {
             let count = self.plan.group.min(pixels - first);
             self.describe(number, first, count);
@@ -160,6 +181,9 @@ impl<'gpu> PathRenderer<'gpu> {
                 self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
             if let Some(light_paths) = &self.light_paths {
                 light_paths.record(self.gpu, &mut encoder, count, &bindings);
+            }
+            if let Some(reservoirs) = &self.reservoirs {
+                reservoirs.record(self.gpu, &mut encoder, count, &bindings);
             }
             self.eye_paths.record(self.gpu, &mut encoder, count, &bindings);
             if first + count == pixels {
@@ -207,6 +231,19 @@ impl Progressive for PathRenderer<'_> {
             ..self.stats.clone()
         }
     }
+}
+
+/// Whether the device can bind so many bytes of what only many lights need.
+fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError> {
+    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    if bytes as u64 <= limit {
+        return Ok(());
+    }
+    let text = format!(
+        "the scene's lights: {what} would need a binding of {bytes} bytes; the adapter's limit is {limit}: use \
+         --light-sampling power, fewer lights or --method reference"
+    );
+    Err(GpuError::Device(text).into())
 }
 
 /// Units of the splats per unit of radiance: a power of two that gives the scene's mean radiance 32 bits below the point and

@@ -125,6 +125,46 @@ pub enum Strategies {
     Paper,
 }
 
+/// How a surface chooses the light that it is joined to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightSampling {
+    /// All alike.
+    Uniform,
+    /// By power, wherever the surface is.
+    Power,
+    /// By power, distance and orientation, through a tree.
+    Tree,
+    /// The same, and where the camera looks by resampling what the tree gives.
+    Ris,
+    /// With what the pixel and its neighbours kept in the last sample (ReSTIR DI).
+    Restir,
+}
+
+impl LightSampling {
+    /// Whether lights are chosen down a tree.
+    #[must_use]
+    pub fn has_tree(self) -> bool {
+        matches!(self, Self::Tree | Self::Ris | Self::Restir)
+    }
+
+    /// Whether the light of what the camera sees is resampled.
+    #[must_use]
+    pub fn resamples(self) -> bool {
+        matches!(self, Self::Ris | Self::Restir)
+    }
+}
+
+/// How reused light samples are weighted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RestirBias {
+    /// By the pixels that could have kept them, with rays that ask whether these see them.
+    Unbiased,
+    /// By all pixels that were asked: faster, and dark where their visibility differs.
+    Biased,
+}
+
 /// The name that the command line knows a value by.
 fn name(value: &impl clap::ValueEnum) -> String {
     value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
@@ -137,6 +177,18 @@ impl fmt::Display for Method {
 }
 
 impl fmt::Display for Visibility {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for LightSampling {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&name(self))
+    }
+}
+
+impl fmt::Display for RestirBias {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&name(self))
     }
@@ -183,6 +235,12 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
+    /// How a surface chooses its light; ris and restir are options of path [default: tree where more than one light is somewhere, else power]
+    #[arg(long, value_enum, help_heading = RAYS)]
+    pub light_sampling: Option<LightSampling>,
+    /// How `--light-sampling restir` weights what it reuses
+    #[arg(long, value_enum, default_value_t = Self::default().restir_bias, help_heading = RAYS)]
+    pub restir_bias: RestirBias,
     /// The one strategy that counts, for images per strategy.
     #[arg(skip)]
     pub only: Option<OnlyStrategy>,
@@ -218,6 +276,9 @@ pub struct Settings {
 /// Heading of the options that only raster has.
 const RASTER: &str = "Options of raster";
 
+/// Heading of the options that only paths of each pixel have.
+const RAYS: &str = "Options of ray-query and path";
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -231,6 +292,8 @@ impl Default for Settings {
             visibility: Visibility::Exact,
             strategies: Strategies::All,
             beta: None,
+            light_sampling: None,
+            restir_bias: RestirBias::Unbiased,
             only: None,
             bundle_resolution: None,
             light_resolution: None,
@@ -306,10 +369,7 @@ impl Settings {
                 return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
             }
         }
-        if self.method != Method::Raster {
-            self.check_foreign()?;
-        }
-        Ok(())
+        self.check_foreign()
     }
 
     /// Exponent of the MIS heuristic.
@@ -330,11 +390,16 @@ impl Settings {
     fn check_foreign(&self) -> Result<(), OutOfRange> {
         let default = Self::default();
         let shares = self.method.shares_subpaths();
+        let raster = self.method == Method::Raster;
+        let paths = matches!(self.method, Method::RayQuery | Method::Path);
         let judge = self.method == Method::Reference;
-        let visibility = (self.visibility != default.visibility).then(|| self.visibility.to_string());
+        let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
-        let room = (self.list_room != default.list_room).then(|| self.list_room.to_string());
+        let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
+        let resampling = self.light_sampling.filter(|l| l.resamples());
+        let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
+        let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
         let changed = [
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
@@ -342,8 +407,12 @@ impl Settings {
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
+            ("--light-sampling", self.light_sampling.filter(|_| !paths).map(|l| l.to_string()), "ray-query and path"),
+            ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
+            ("--restir-bias", bias, "path with --light-sampling restir"),
         ];
-        let resolutions = self.resolutions().map(|(option, r)| (option, r.map(|r| r.to_string()), "raster"));
+        let resolutions =
+            self.resolutions().map(|(option, r)| (option, r.filter(|_| !raster).map(|r| r.to_string()), "raster"));
         match changed.into_iter().chain(resolutions).find_map(|(option, value, whose)| Some((option, value?, whose))) {
             Some((option, value, whose)) => {
                 Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.method) })
@@ -389,6 +458,7 @@ mod tests {
             Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
+            Settings { method: Method::Path, light_sampling: Some(LightSampling::Tree), ..base.clone() },
         ];
         for settings in good {
             assert_eq!(settings.check(), Ok(()), "{settings:?}");
@@ -413,7 +483,12 @@ mod tests {
             ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(-0.1), ..base.clone() }),
             ("--aperture", Settings { aperture: Some(f32::NAN), ..base.clone() }),
-            ("--focus", Settings { focus: Some(0.0), ..base }),
+            ("--focus", Settings { focus: Some(0.0), ..base.clone() }),
+            ("--light-sampling", Settings { light_sampling: Some(LightSampling::Tree), ..base.clone() }),
+            ("--light-sampling", {
+                Settings { method: Method::RayQuery, light_sampling: Some(LightSampling::Ris), ..base.clone() }
+            }),
+            ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),

@@ -97,7 +97,7 @@ fn reference_scenes_equal_their_files() {
 
 #[test]
 fn every_scene_is_sound() {
-    assert!(builtin::names().count() >= 17);
+    assert!(builtin::names().count() >= 19);
     for (name, about) in builtin::names() {
         let scene = builtin::load(name).expect("a built-in scene");
         assert_eq!(scene.name, format!("builtin:{name}"));
@@ -172,6 +172,47 @@ fn the_displaced_room_is_rough_and_its_light_is_inside() {
         (p[1] - p[0]).cross(p[2] - p[0]).normalize().y < 0.95
     });
     assert!(steep.count() > 1000, "the floor's triangles lean");
+}
+
+/// Halls have as many lights as asked for, of the same power, and none of them in a wall.
+#[test]
+fn halls_have_the_lights_that_were_asked_for() {
+    use lightsheaf::scene::Light;
+    let mean = |color: Vec3| f64::from(color.element_sum() / 3.0);
+    let emitters = |name: &str| {
+        let scene = builtin::load(name).expect("a built-in scene");
+        let geometry = Geometry::new(&scene);
+        let (mut count, mut power) = (0, 0.0);
+        for t in 0..geometry.triangles.len() {
+            let Some(emission) = scene.materials[geometry.materials[t] as usize].emission else { continue };
+            let [a, b, c] = geometry.positions(t);
+            assert!([a, b, c].iter().all(|p| p.abs().max_element() < 4.0 && (0.0..3.0).contains(&p.y)), "{a} {b} {c}");
+            count += 1;
+            let area = f64::from(0.5 * (b - a).cross(c - a).length());
+            power += std::f64::consts::PI * area * mean(emission.radiance.factor);
+        }
+        (count, power, geometry.triangles.len())
+    };
+    let points = |name: &str| {
+        let scene = builtin::load(name).expect("a built-in scene");
+        let power = scene.lights.iter().map(|light| match light {
+            Light::Point { intensity, .. } => 4.0 * std::f64::consts::PI * mean(*intensity),
+            _ => panic!("{light:?}"),
+        });
+        (scene.lights.len(), power.sum::<f64>())
+    };
+    for (name, wanted) in [("emitter_hall", 10_000), ("emitter_hall:100", 100), ("emitter_hall:20000", 20_000)] {
+        let (count, power, triangles) = emitters(name);
+        assert_eq!(count, wanted, "{name}");
+        assert!((power / 150.0 - 1.0).abs() < 1e-3, "{name}: {power} W");
+        // Fewer lights do not change the geometry.
+        assert_eq!(triangles, wanted.max(10_000) + 12 * 12, "{name}");
+    }
+    for (name, wanted) in [("point_hall", 100_000), ("point_hall:100", 100)] {
+        let (count, power) = points(name);
+        assert_eq!(count, wanted, "{name}");
+        assert!((power / 150.0 - 1.0).abs() < 1e-3, "{name}: {power} W");
+    }
 }
 
 /// World-space corners of the triangles of one material.

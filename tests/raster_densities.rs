@@ -67,7 +67,7 @@ fn weights_sum_to_one() {
 fn ask(gpu: &Gpu, light: &LightRecord, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
     let pass = Compute::new(gpu, "light_draws", "light_draws", &["RSM"]);
     let y0 = LightPoint { kind: light.kind, direction: light.direction, p: 1.0, ..Default::default() };
-    let y0 = gpu.upload("y0", &[LightPoint { two_sided: light.pad, ..y0 }]);
+    let y0 = gpu.upload("y0", &[LightPoint { two_sided: light.trail, ..y0 }]);
     let lighting = gpu.uniform::<Lighting>("lighting");
     gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
     let lights = gpu.upload("lights", std::slice::from_ref(light));
@@ -122,7 +122,8 @@ fn light_subpaths_start_as_their_density_says() {
     };
     let tilted = Vec3::new(0.6, 0.0, 0.8);
     let mut two_sided = light("triangle, two sides", AREA, tilted);
-    two_sided.1.pad = 1;
+    // A record has no such field; this one is of no use here.
+    two_sided.1.trail = 1;
     let lights = [
         light("point", POINT, Vec3::Z),
         light("spot", SPOT, tilted),

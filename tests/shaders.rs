@@ -57,7 +57,10 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && (!has("RSM") || has("LIGHT") || pass != "connect")
         && !(has("CLAMPED") && has("LIGHT"))
         // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
-        && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws"))
+        && has("SPECULAR") == (has("GLOSSY") && matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws" | "reservoirs"))
+        // What is resampled comes down the tree, and only where paths start at the camera alone.
+        && (!has("RESERVOIRS") || (has("LIGHT_TREE") && !has("LIGHT_PATHS")))
+        && (pass != "reservoirs" || has("LIGHT_TREE"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
 }
@@ -86,7 +89,8 @@ fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<
 
 /// Whether a pass asks ray queries.
 fn traces_rays(pass: &str, set: &[&str]) -> bool {
-    matches!(pass, "ray_queries" | "eye_paths" | "light_paths" | "mis_sums") || set.contains(&"RAY_QUERY")
+    matches!(pass, "ray_queries" | "eye_paths" | "light_paths" | "mis_sums" | "reservoirs")
+        || set.contains(&"RAY_QUERY")
 }
 
 /// Modules with an entry point.

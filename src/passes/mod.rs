@@ -14,6 +14,7 @@ pub mod light_pool;
 pub mod light_subpath;
 pub mod queries;
 pub mod ray_queries;
+pub mod reservoirs;
 pub mod resolve;
 pub mod rsm;
 pub mod view_lists;

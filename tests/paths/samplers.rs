@@ -6,10 +6,13 @@ use glam::{DVec3, Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::layouts::{DrawAnswer, DrawQuestion};
 use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::scene::{Boundary, Cone, Environment, Fresnel, Lamp, Light, Material, Rows, Scene, SpotFalloff};
-use lightsheaf::settings::Method;
+use lightsheaf::scene::{
+    Boundary, Cone, Emission, Environment, Fresnel, Lamp, Light, Material, Rows, Scene, SpotFalloff,
+};
+use lightsheaf::settings::{LightSampling, Method, Settings};
 
 use crate::common::gpu_with_ray_queries;
+use crate::common::random::Random;
 use crate::common::scenes::{add, floor, pinhole};
 use crate::common::statistics::p_value;
 use crate::{scenes, settings};
@@ -28,6 +31,8 @@ const PDF_SCATTER: u32 = 1;
 const DRAW_SKY: u32 = 2;
 const PDF_SKY: u32 = 3;
 const DRAW_LIGHT: u32 = 4;
+const CHOOSE_LIGHT: u32 = 5;
+const FAVOUR_LIGHT: u32 = 6;
 
 /// Asks the samplers of a scene.
 struct Oracle<'a> {
@@ -38,7 +43,12 @@ struct Oracle<'a> {
 
 impl<'a> Oracle<'a> {
     fn new(gpu: &'a Gpu, scene: &Scene) -> Self {
-        let renderer = PathRenderer::new(gpu, scene, &settings(Method::RayQuery, 4, 1, 1)).unwrap();
+        Self::with(gpu, scene, None)
+    }
+
+    fn with(gpu: &'a Gpu, scene: &Scene, light_sampling: Option<LightSampling>) -> Self {
+        let settings = Settings { light_sampling, ..settings(Method::RayQuery, 4, 1, 1) };
+        let renderer = PathRenderer::new(gpu, scene, &settings).unwrap();
         let pass = Compute::new(gpu, "draws", "draws", &renderer.plan().flags);
         Self { gpu, renderer, pass }
     }
@@ -358,4 +368,61 @@ fn parts_of_emitters_are_drawn_as_their_density_says() {
     let [choice, inside] = [p_value(&counts, &expected), even(&evens)];
     println!("choice of {}: p {choice:.4}, inside: p {inside:.4}", counts.len());
     assert!(choice >= SIGNIFICANCE / 2.0 && inside >= SIGNIFICANCE / 2.0, "{choice} {inside}");
+}
+
+/// Surfaces choose lights as the probability says that MIS asks for; it sums to 1, and no light that reaches a surface is left out.
+#[test]
+fn surfaces_choose_lights_as_their_probability_says() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = lightsheaf::scene::builtin::load("emitter_hall:150").unwrap();
+    for (i, material) in scene.materials.iter_mut().enumerate() {
+        material.emission = material.emission.map(|e| Emission { two_sided: i % 2 == 0, ..e });
+    }
+    scene.lights = scenes::reflecting().lights;
+    scene.lights.extend((0..40).map(|i| Light::Point {
+        position: Vec3::new((i % 7) as f32 - 3.0, 0.3 + (i % 5) as f32 * 0.5, (i % 6) as f32 - 2.5),
+        intensity: Vec3::splat(0.01 + (i % 3) as f32),
+    }));
+    scene.lights.push(Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::splat(0.1) });
+    let mut random = Random(5);
+    let receivers: Vec<_> = (0..24)
+        .map(|i| {
+            let p = Vec3::new(random.between(-4.0, 4.0), random.between(0.0, 3.0), random.between(-4.0, 4.0));
+            // Light from one side, or from both.
+            (p, if i % 4 == 3 { Vec3::ZERO } else { random.direction() })
+        })
+        .collect();
+    let mut tested = 0;
+    for light_sampling in [LightSampling::Uniform, LightSampling::Power, LightSampling::Tree] {
+        let oracle = Oracle::with(gpu, &scene, Some(light_sampling));
+        for &(p, n) in &receivers {
+            let question =
+                DrawQuestion { given: p.to_array(), w: n.to_array(), kind: CHOOSE_LIGHT, ..Default::default() };
+            let lights = 150 + 2 + 40 + 1;
+            let asked: Vec<_> =
+                (0..lights).map(|triangle| DrawQuestion { kind: FAVOUR_LIGHT, triangle, ..question }).collect();
+            let favours = oracle.ask(&asked);
+            let mass: f64 = favours.iter().map(|a| f64::from(a.pdf_w)).sum();
+            // Where nothing of the tree reaches, nothing is chosen.
+            assert!(mass < 1.0 + 1e-4 && (mass > 1.0 - 1e-4 || light_sampling == LightSampling::Tree), "{mass}");
+            for (light, answer) in favours.iter().enumerate() {
+                let reached = Vec3::from(answer.extra).max_element() > 0.0;
+                assert!(!reached || answer.pdf_w > 0.0, "{light_sampling} {p} {n}: light {light} {answer:?}");
+            }
+            let draws = 1 << 16;
+            let mut counts = vec![0_u64; favours.len() + 1];
+            for answer in oracle.ask(&vec![question; draws]) {
+                counts[(answer.index as usize).min(favours.len())] += 1;
+                if let Some(favour) = favours.get(answer.index as usize) {
+                    assert!((answer.pdf_w / favour.pdf_w - 1.0).abs() < 1e-4, "{answer:?} {favour:?}");
+                }
+            }
+            let mut expected: Vec<f64> = favours.iter().map(|a| f64::from(a.pdf_w) * draws as f64).collect();
+            expected.push((1.0 - mass).max(0.0) * draws as f64);
+            let chance = p_value(&counts, &expected);
+            assert!(chance >= SIGNIFICANCE / 72.0, "{light_sampling} {p} {n}: {chance}");
+            tested += 1;
+        }
+    }
+    assert_eq!(tested, 72);
 }

@@ -3,7 +3,7 @@
 use lightsheaf::gpu::{Compute, read_back};
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::scene::{Lens, Light, Scene};
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::settings::{LightSampling, Method, Settings};
 
 use crate::common::gpu_with_ray_queries;
 use crate::{scenes, settings};
@@ -41,16 +41,17 @@ fn all() -> Vec<(&'static str, Scene)> {
         ("all lights, transmission", lit),
         ("mirrors, map", open),
         ("textures, constant sky, parallel camera", constant),
+        ("many emitters", lightsheaf::scene::builtin::load("emitter_hall:500").unwrap()),
     ]
 }
 
 #[test]
 fn weights_sum_to_one() {
     let count = 350_000;
-    for beta in [2.0, 1.0] {
+    for (beta, light_sampling) in [(2.0, None), (1.0, None), (2.0, Some(LightSampling::Uniform))] {
         let mut total = 0;
         for (name, scene) in all() {
-            let settings = Settings { beta: Some(beta), ..settings(Method::RayQuery, 64, 1, 6) };
+            let settings = Settings { beta: Some(beta), light_sampling, ..settings(Method::RayQuery, 64, 1, 6) };
             let Some(answers) = sums(&scene, &settings, count) else { return };
             let paths: Vec<_> = answers.iter().filter(|a| a[3] > 0.0).collect();
             let worst = paths.iter().map(|a| (a[0] - 1.0).abs()).fold(0.0, f32::max);

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{add_as_is, camera};
+use super::{add_as_is, camera, hash};
 use crate::scene::{Light, Material, Mesh, Scene};
 
 /// Metres that a wall bulges inwards at most.
@@ -70,11 +70,4 @@ fn noise(p: Vec2, seed: u32) -> f32 {
     };
     let row = |dy: u32| value(0, dy) + (value(1, dy) - value(0, dy)) * t.x;
     row(0) + (row(1) - row(0)) * t.y
-}
-
-/// PCG's output function as a hash (Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020).
-fn hash(key: u32) -> u32 {
-    let state = key.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = (state >> (state >> 28).wrapping_add(4) ^ state).wrapping_mul(277_803_737);
-    word >> 22 ^ word
 }

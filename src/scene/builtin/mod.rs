@@ -1,10 +1,12 @@
-//! Scenes that need no file: the Cornell boxes of the reference images, others with mirrors, glass and water, scenes with a known answer, and a displaced room.
+//! Scenes that need no file: the Cornell boxes of the reference images, others with mirrors, glass and water, scenes with a known
+//! answer, a displaced room, and halls of many lights.
 //!
 //! A name may carry a number after a colon where [`names`] says so. All scenes are deterministic.
 
 mod analytic;
 mod cornell;
 mod displaced_room;
+mod many_lights;
 mod spikes;
 
 use std::path::PathBuf;
@@ -95,9 +97,21 @@ const SCENES: &[Entry] = &[
         make: Make::Counted(displaced_room::scene, 60_000),
         answer: None,
     },
+    Entry {
+        name: "emitter_hall",
+        about: "hall with partitions and emissive triangles; emitter_hall:N has N, else 10000, of the same total power",
+        make: Make::Counted(many_lights::emitters, 10_000),
+        answer: None,
+    },
+    Entry {
+        name: "point_hall",
+        about: "the same hall with point lights; point_hall:N has N, else 100000, of the same total power",
+        make: Make::Counted(many_lights::points, 100_000),
+        answer: None,
+    },
 ];
 
-/// Triangles that a number after a colon may ask for.
+/// Triangles or lights that a number after a colon may ask for.
 const MAX_COUNT: u32 = 50_000_000;
 
 /// Name and one-line description of every scene.
@@ -158,6 +172,13 @@ fn block(plan: [[f64; 2]; 4], bottom: f64, top: f64, closed: bool) -> Mesh {
         inward([at(0, bottom), at(1, bottom), at(2, bottom), at(3, bottom)]);
     }
     mesh
+}
+
+/// PCG's output function as a hash (Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020).
+fn hash(key: u32) -> u32 {
+    let state = key.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = (state >> (state >> 28).wrapping_add(4) ^ state).wrapping_mul(277_803_737);
+    word >> 22 ^ word
 }
 
 fn vec3(x: f64, y: f64, z: f64) -> Vec3 {

@@ -1,0 +1,338 @@
+//! A hierarchy over the lights that are somewhere, so that a surface can choose one by what it is likely to get from it
+//! (shaders/lib/light_tree.wesl).
+//!
+//! Each node knows where its lights are, how strong they are together, and into which cone of directions they shine (Conty
+//! Estevez and Kulla, "Importance sampling of many lights with adaptive tree splitting", HPG 2018). Nodes are split where strength
+//! times surface area times orientation measure, the surface area orientation heuristic of section 4.4, becomes least.
+
+use std::f32::consts::{FRAC_PI_2, PI};
+
+use glam::Vec3;
+
+use crate::layouts::{LightNode, LightRecord};
+use crate::light_table::{AREA, LightTable, SPOT};
+use crate::scene::{Geometry, Scene};
+
+// Bits of `LightNode.child`, as in the shader.
+const LEAF: u32 = 1 << 31;
+const MIRRORED: u32 = 1 << 30;
+/// Intervals along an axis between which a node may be split.
+const BINS: usize = 12;
+/// Levels of a tree at most: a light's way down has as many bits.
+const LEVELS: u32 = 32;
+/// Radians by which cones are too wide, so that rounding hides no light.
+const SLACK: f32 = 1e-3;
+
+/// The tree.
+pub struct LightTree {
+    /// The root first, children beside each other; one that nothing reaches where no light is anywhere.
+    pub nodes: Vec<LightNode>,
+    /// The way down to each light of the table that has one, the first level in the lowest bit.
+    pub trails: Vec<u32>,
+}
+
+/// Where lights are and where they shine.
+#[derive(Clone, Copy)]
+struct Bounds {
+    low: Vec3,
+    high: Vec3,
+    /// Luminance of radiant intensity at most, W/sr.
+    strength: f32,
+    axis: Vec3,
+    /// Half angle of the cone of axes or normals, radians.
+    normals: f32,
+    /// Angle beyond it that is still lit.
+    falloff: f32,
+    /// Normals stand for their opposites, too.
+    two_sided: bool,
+}
+
+impl LightTree {
+    /// Over the first lights of a table, those that are not infinitely far away.
+    #[must_use]
+    pub fn new(table: &LightTable, scene: &Scene, geometry: &Geometry) -> Self {
+        let finite = table.records.iter().zip(&table.powers).take(table.finite);
+        let lights: Vec<Bounds> = finite.map(|(record, power)| bounds(record, *power, scene, geometry)).collect();
+        let mut nodes = vec![LightNode::default()];
+        let mut trails = vec![0; lights.len()];
+        let mut order: Vec<u32> = (0..lights.len() as u32).collect();
+        // Node, first and last light in the order, level, the way there.
+        let mut open = vec![(0, 0, order.len(), 0, 0)];
+        while let Some((node, from, to, level, trail)) = open.pop() {
+            let part = &mut order[from..to];
+            let Some(all) = part.iter().map(|&l| lights[l as usize]).reduce(Bounds::and) else { break };
+            let child = if let [light] = *part {
+                trails[light as usize] = trail;
+                LEAF | light
+            } else {
+                let middle = split(part, &lights, &all, level);
+                let first = nodes.len();
+                nodes.extend([LightNode::default(); 2]);
+                let below = level + 1;
+                open.push((first, from, from + middle, below, trail));
+                open.push((first + 1, from + middle, to, below, trail | 1 << level));
+                first as u32
+            };
+            nodes[node] = LightNode {
+                center: all.center().to_array(),
+                // What rounding moves is inside, too.
+                radius2: (0.25 * all.low.distance_squared(all.high)) * (1.0 + 1e-5),
+                strength: all.strength,
+                child: child | if all.two_sided { MIRRORED } else { 0 },
+                axis: octahedral(all.axis),
+                cosines: snorm(all.normals.cos(), f32::floor)
+                    | snorm((all.falloff + SLACK).min(PI).cos(), f32::floor) << 16,
+            };
+        }
+        Self { nodes, trails }
+    }
+}
+
+fn snorm(v: f32, round: fn(f32) -> f32) -> u32 {
+    u32::from(round(v.clamp(-1.0, 1.0) * 32_767.0) as i16 as u16)
+}
+
+/// A unit vector as two 16-bit numbers.
+fn octahedral(v: Vec3) -> u32 {
+    let v = v / (v.x.abs() + v.y.abs() + v.z.abs());
+    let sign = |a: f32| if a >= 0.0 { 1.0 } else { -1.0 };
+    let [x, y] = if v.z >= 0.0 { [v.x, v.y] } else { [(1.0 - v.y.abs()) * sign(v.x), (1.0 - v.x.abs()) * sign(v.y)] };
+    snorm(x, f32::round) | snorm(y, f32::round) << 16
+}
+
+/// What is known of one light.
+fn bounds(record: &LightRecord, power: f32, scene: &Scene, geometry: &Geometry) -> Bounds {
+    let position = Vec3::from(record.position);
+    let all_around = Bounds {
+        low: position - record.radius,
+        high: position + record.radius,
+        strength: power / (4.0 * PI),
+        axis: Vec3::Z,
+        normals: PI,
+        falloff: FRAC_PI_2,
+        two_sided: false,
+    };
+    match record.kind {
+        AREA => {
+            // The corners of its part.
+            let [o, right, up] = geometry.positions(record.triangle as usize);
+            let [b, c, size] = record.position;
+            let at = |b: f32, c: f32| o + (right - o) * b + (up - o) * c;
+            let [a, b, c] = [at(b, c), at(b + size, c), at(b, c + size)];
+            let normal = (b - a).cross(c - a);
+            let material = &scene.materials[geometry.materials[record.triangle as usize] as usize];
+            let two_sided = material.emission.is_some_and(|e| e.two_sided);
+            Bounds {
+                low: a.min(b).min(c),
+                high: a.max(b).max(c),
+                strength: power / if two_sided { 2.0 * PI } else { PI },
+                // A triangle without an area has no power, and so no record.
+                axis: (normal / normal.abs().max_element().max(f32::MIN_POSITIVE)).normalize_or(Vec3::Z),
+                normals: 0.0,
+                two_sided,
+                ..all_around
+            }
+        }
+        SPOT => Bounds {
+            strength: power / (2.0 * PI * (1.0 - record.cos_outer).max(1e-6)),
+            axis: Vec3::from(record.direction),
+            normals: record.cos_outer.clamp(-1.0, 1.0).acos(),
+            falloff: 0.0,
+            ..all_around
+        },
+        _ => all_around,
+    }
+}
+
+impl Bounds {
+    fn and(self, other: Self) -> Self {
+        let (axis, normals) = cone([self.axis, other.axis], [self.normals, other.normals]);
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            strength: self.strength + other.strength,
+            axis,
+            normals,
+            falloff: self.falloff.max(other.falloff),
+            two_sided: self.two_sided || other.two_sided,
+        }
+    }
+
+    fn center(&self) -> Vec3 {
+        0.5 * (self.low + self.high)
+    }
+
+    /// Strength times surface area times the measure of directions, as a node's cost.
+    fn cost(&self) -> f32 {
+        let d = self.high - self.low;
+        let area = 2.0 * (d.x * d.y + d.y * d.z + d.z * d.x);
+        let (o, w) = (self.normals, (self.normals + self.falloff).min(PI));
+        let (sin, cos) = o.sin_cos();
+        // Integral over directions of the cosine of the angle to the cone (section 4.4).
+        let beyond = FRAC_PI_2 * (2.0 * w * sin - (o - 2.0 * w).cos() - 2.0 * o * sin + cos);
+        self.strength * area * (2.0 * PI * (1.0 - cos) + beyond)
+    }
+}
+
+/// The narrowest cone around two, as axis and half angle.
+fn cone(axes: [Vec3; 2], angles: [f32; 2]) -> (Vec3, f32) {
+    let between = axes[0].dot(axes[1]).clamp(-1.0, 1.0).acos();
+    for i in 0..2 {
+        if (between + angles[1 - i]).min(PI) <= angles[i] {
+            return (axes[i], angles[i]);
+        }
+    }
+    let angle = 0.5 * (angles[0] + between + angles[1]);
+    let across = (axes[1] - axes[0] * axes[0].dot(axes[1])).normalize_or_zero();
+    if angle >= PI || across == Vec3::ZERO {
+        return (axes[0], PI);
+    }
+    let (sin, cos) = (angle - angles[0]).sin_cos();
+    ((axes[0] * cos + across * sin).normalize(), (angle + 1e-5).min(PI))
+}
+
+/// Parts lights into two groups and says how many the first has.
+fn split(part: &mut [u32], lights: &[Bounds], all: &Bounds, level: u32) -> usize {
+    let center = |light: u32| lights[light as usize].center();
+    let (low, high) = part
+        .iter()
+        .map(|&l| center(l))
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+    let extent = high - low;
+    let size = all.high - all.low;
+    let bin = |light: u32, axis: usize| {
+        (((center(light)[axis] - low[axis]) / extent[axis] * BINS as f32) as usize).min(BINS - 1)
+    };
+    let mut best: Option<(f32, usize, usize)> = None;
+    // What is left has to fit below, even if one half gets all but one light.
+    let room = LEVELS - 1 - level;
+    if room > 0 && part.len() as u64 - 1 <= 1 << (room - 1).min(62) {
+        for axis in (0..3).filter(|&axis| extent[axis] > 0.0 && extent[axis].is_finite()) {
+            let mut bins = [None::<Bounds>; BINS];
+            for &light in &*part {
+                let (bin, own) = (&mut bins[bin(light, axis)], lights[light as usize]);
+                *bin = Some(bin.map_or(own, |b| b.and(own)));
+            }
+            let join = |a: Option<Bounds>, b: Option<Bounds>| [a, b].into_iter().flatten().reduce(Bounds::and);
+            let mut above = [None; BINS];
+            for i in (1..BINS).rev() {
+                above[i - 1] = join(bins[i], above[i]);
+            }
+            let mut below = None;
+            for i in 0..BINS - 1 {
+                below = join(below, bins[i]);
+                let (Some(below), Some(above)) = (below, above[i]) else { continue };
+                // Thin slices of a long node are worth little.
+                let cost = (below.cost() + above.cost()) * size.max_element() / size[axis];
+                if best.is_none_or(|(least, ..)| cost < least) {
+                    best = Some((cost, axis, i));
+                }
+            }
+        }
+    }
+    if let Some((_, axis, last)) = best {
+        let mut first = 0;
+        for i in 0..part.len() {
+            if bin(part[i], axis) <= last {
+                part.swap(first, i);
+                first += 1;
+            }
+        }
+        return first;
+    }
+    // All in one place, or too deep.
+    let middle = part.len() / 2;
+    let axis = if extent.max_element() > 0.0 { extent.max_position() } else { 0 };
+    part.select_nth_unstable_by(middle, |&a, &b| center(a)[axis].total_cmp(&center(b)[axis]));
+    middle
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tree(records: Vec<LightRecord>) -> LightTree {
+        let table =
+            LightTable { powers: vec![1.0; records.len()], finite: records.len(), records, ..Default::default() };
+        LightTree::new(&table, &Scene::default(), &Geometry::default())
+    }
+
+    fn at(position: Vec3) -> LightRecord {
+        LightRecord { position: position.to_array(), probability: 0.1, ..Default::default() }
+    }
+
+    /// Each light is at the end of its way, and nodes hold what those below them hold.
+    #[test]
+    fn a_tree_holds_every_light_once() {
+        let scattered = |i: u32| Vec3::new((i * 7 % 101) as f32, (i * 13 % 37) as f32, (i % 5) as f32);
+        for (what, records) in [
+            ("scattered", (0..500).map(|i| at(scattered(i))).collect::<Vec<_>>()),
+            ("in one place", vec![at(Vec3::ONE); 300]),
+            ("each twice as far", (0..60).map(|i| at(Vec3::X * 2_f32.powi(i - 30))).collect()),
+            ("one", vec![at(Vec3::X)]),
+        ] {
+            let count = records.len();
+            let tree = tree(records.clone());
+            assert_eq!(tree.nodes.len(), 2 * count - 1, "{what}");
+            let mut deepest = 0;
+            for (light, &trail) in tree.trails.iter().enumerate() {
+                let position = Vec3::from(records[light].position);
+                let mut node = &tree.nodes[0];
+                let mut level = 0;
+                loop {
+                    let away = Vec3::from(node.center).distance_squared(position);
+                    assert!(away <= node.radius2 * (1.0 + 1e-4), "{what}: {node:?} {position}");
+                    if node.child & LEAF != 0 {
+                        break;
+                    }
+                    node = &tree.nodes[(node.child + (trail >> level & 1)) as usize];
+                    level += 1;
+                }
+                assert_eq!((node.child & !LEAF) as usize, light, "{what}");
+                assert_eq!(node.center, records[light].position, "{what}");
+                deepest = deepest.max(level);
+            }
+            assert!(deepest <= LEVELS, "{what}: {deepest} levels");
+            println!("{what}: {deepest} levels");
+        }
+        assert_eq!(tree(Vec::new()).nodes.len(), 1, "a binding has no length of 0");
+    }
+
+    #[test]
+    fn axes_and_cosines_survive_packing() {
+        let unpacked = |bits: u32| f32::from(bits as u16 as i16) / 32_767.0;
+        for v in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Z, Vec3::new(0.3, -0.8, -0.2).normalize()] {
+            let bits = octahedral(v);
+            let (x, y) = (unpacked(bits), unpacked(bits >> 16));
+            let z = 1.0 - x.abs() - y.abs();
+            let below = (-z).max(0.0);
+            let fold = |a: f32| a - if a >= 0.0 { below } else { -below };
+            let back = Vec3::new(fold(x), fold(y), z).normalize();
+            assert!(back.distance(v) < 0.1 * SLACK, "{v} is {back}");
+        }
+        for c in [-1.0, -0.3, 0.0, 0.999, 1.0_f32] {
+            let back = unpacked(snorm(c, f32::floor));
+            assert!(back <= c && back > c - 1e-4, "{c} is {back}");
+        }
+    }
+
+    /// Both cones lie in what `cone` says, which is no wider than it has to be.
+    #[test]
+    fn cones_hold_both() {
+        let mut tested = 0;
+        for i in 0..1000_u32 {
+            let n = |k: u32| (i.wrapping_mul(2_654_435_761).wrapping_add(k * 40_503) >> 8 & 0xffff) as f32 / 65_536.0;
+            let axes = [0, 3].map(|k| (Vec3::new(n(k), n(k + 1), n(k + 2)) - 0.5).normalize_or(Vec3::X));
+            let angles = [PI * n(7), PI * n(9)];
+            let (axis, angle) = cone(axes, angles);
+            for k in 0..2 {
+                let away = axis.angle_between(axes[k]);
+                assert!((away + angles[k]).min(PI) <= angle + 1e-3, "{axes:?} {angles:?}: {axis} {angle}");
+            }
+            let least = 0.5 * (angles[0] + angles[1] + axes[0].angle_between(axes[1]));
+            assert!(angle <= least.max(angles[0]).max(angles[1]).min(PI) + 1e-3);
+            tested += u32::from(angle < PI);
+        }
+        assert!(tested > 100);
+    }
+}
