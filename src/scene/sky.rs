@@ -24,8 +24,10 @@ pub struct ClearSky {
     pub towards_sun: Vec3,
     /// Haze: 1 (none) to 10; 3 is a clear day in a temperate climate.
     pub turbidity: f32,
-    /// Reflectance of the ground, which lightens the sky, in [0, 1]. The ground itself is black.
+    /// Reflectance of the ground, which lightens the sky, in [0, 1].
     pub albedo: Vec3,
+    /// Whether this ground, lit by sky and sun, is what lies below the horizon; otherwise nothing does, as in Mitsuba.
+    pub ground: bool,
     /// Multiplies the sky's radiance.
     pub sky_scale: f32,
     /// Multiplies the sun's irradiance.
@@ -40,6 +42,7 @@ impl Default for ClearSky {
             towards_sun: Vec3::Y,
             turbidity: 3.0,
             albedo: Vec3::splat(0.3),
+            ground: true,
             sky_scale: 1.0,
             sun_scale: 1.0,
             sun_angle: SUN_ANGLE,
@@ -57,7 +60,7 @@ const SIZE: [u32; 2] = [512, 256];
 const OBSERVER: f32 = 106.856_895;
 
 impl ClearSky {
-    /// The sky without its sun; black below the horizon, and everywhere when the sun is below it.
+    /// The sky without its sun; black when that is below the horizon.
     #[must_use]
     pub fn map(&self) -> EnvironmentMap {
         let [width, height] = SIZE;
@@ -83,7 +86,27 @@ impl ClearSky {
                 _ => [0.0; 3],
             }
         };
-        EnvironmentMap { width, height, texels: (0..width * height).map(texel).collect(), rows: Rows::Centred }
+        let mut texels: Vec<[f32; 3]> = (0..width * height).map(texel).collect();
+        if self.ground && state.is_some() {
+            let below = (self.albedo * self.ground_irradiance(&texels) / PI).to_array();
+            texels[(width * height / 2) as usize..].fill(below);
+        }
+        EnvironmentMap { width, height, texels, rows: Rows::Centred }
+    }
+
+    /// Irradiance of a plane under the sky, the map's upper half, and the sun.
+    fn ground_irradiance(&self, texels: &[[f32; 3]]) -> Vec3 {
+        let [width, height] = SIZE;
+        let upper = texels.chunks_exact(width as usize).take(height as usize / 2).enumerate();
+        let of_sky: Vec3 = upper
+            .map(|(row, texels)| {
+                let theta = PI * (row as f32 + 0.5) / height as f32;
+                let weight = theta.sin() * theta.cos() * (PI / height as f32) * (TAU / width as f32);
+                texels.iter().map(|texel| Vec3::from(*texel) * weight).sum::<Vec3>()
+            })
+            .sum();
+        let sine = self.towards_sun.y;
+        of_sky + sun_irradiance(sine, self.turbidity) * (self.sun_scale * sine.max(0.0))
     }
 
     /// The sun.
@@ -136,14 +159,15 @@ mod tests {
         assert_eq!((map.width, map.height), (512, 256));
         assert!(map.texels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0));
         // Irradiance of the ground by the sky alone: 8,000 to 20,000 lux at this elevation.
-        let mut irradiance = Vec3::ZERO;
-        for (i, texel) in map.texels.iter().enumerate() {
-            let theta = PI * ((i / 512) as f32 + 0.5) / 256.0;
-            irradiance += Vec3::from(*texel) * (theta.cos() * theta.sin() * PI / 256.0 * TAU / 512.0);
-        }
+        let irradiance = ClearSky { sun_scale: 0.0, ..sky }.ground_irradiance(&map.texels);
         let ground = luminance(irradiance) * OBSERVER * 683.0;
         assert!((8e3..20e3).contains(&ground), "{ground} lux");
         assert!(irradiance.z > irradiance.x, "{irradiance}");
+        // With the sun, of which a third is reflected evenly.
+        let below = Vec3::from(map.texels[512 * 200]);
+        let expected = 0.3 / PI * (irradiance + 0.6 * sun_irradiance(0.6, 3.0));
+        assert!((below - expected).abs().max_element() < 1e-5, "{below} is not {expected}");
+        assert_eq!(ClearSky { ground: false, ..sky }.map().texels[512 * 200], [0.0; 3]);
         // The map's centre is +Z, where the sun stands: the brightest column.
         let row = &map.texels[96 * 512..97 * 512];
         let brightest = (0..512).max_by(|&a, &b| row[a][1].total_cmp(&row[b][1])).unwrap();

@@ -143,6 +143,7 @@ impl<'a> Loader<'a> {
         let sky = ClearSky {
             towards_sun: (world_from_sky.transpose() * towards_sun).as_vec3().normalize(),
             turbidity: float("turbidity", missing.turbidity)?,
+            ground: false,
             albedo: albedo.unwrap_or(if element.legacy { Vec3::splat(0.15) } else { missing.albedo }),
             sky_scale: scale * float("sky_scale", 1.0)?,
             sun_scale: scale * float("sun_scale", 1.0)?,
