@@ -217,7 +217,8 @@ impl<'a> Loader<'a> {
         Ok(Light::Lamp(Lamp { position, world_from_lamp, radius: 0.0, intensity, cone: None, pattern }))
     }
 
-    /// A texture as a pattern, and the lamp's rotation; `turn` leads from the lamp's own space to the emitter's.
+    /// A texture as a pattern, and the lamp's rotation; `turn` leads from the lamp's own space to the emitter's. Borders are clamped
+    /// whatever the texture's wrap mode says, so that opposite ones do not bleed into each other.
     fn image_pattern(
         &mut self,
         texture: &'a Element,
