@@ -18,6 +18,7 @@ use crate::passes::extend::Extend;
 use crate::passes::eye_vertices::EyeVertices;
 use crate::passes::gbuffer::GBuffer;
 use crate::passes::light_point::LightPoint;
+use crate::passes::light_pool::LightPool;
 use crate::passes::light_subpath::LightSubpath;
 use crate::passes::rsm::Rsm;
 use crate::passes::view_lists::ViewLists;
@@ -36,6 +37,7 @@ pub struct Frame {
     view_lists: Option<ViewLists>,
     depth_maps: Option<DepthMaps>,
     light_point: Option<LightPoint>,
+    light_pool: Option<LightPool>,
     rsm: Option<Rsm>,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
@@ -81,10 +83,10 @@ impl Frame {
             (false, false) => &[],
         };
 
-        let strategy = |allowed: [bool; 4], s, j| {
+        let strategy = |samples: [u32; 4], s, j| {
             let uniform = gpu.uniform::<layouts::Strategy>("strategy");
             let strategy = layouts::Strategy {
-                allowed: allowed.map(|a| f32::from(u8::from(a))),
+                allowed: samples.map(|n| n as f32),
                 s,
                 j,
                 clamp_distance: settings.paper_clamp * 2.0 * scene.sphere().1,
@@ -93,8 +95,8 @@ impl Frame {
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
             uniform
         };
-        let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.allowed, c.s, c.j))).collect();
-        let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.allowed, 0, e.j))).collect();
+        let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.samples, c.s, c.j))).collect();
+        let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.samples, 0, e.j))).collect();
         // What depends on the way from y0.
         let pattern: &[&str] = if plan.light_flags.contains(&"PATTERNS") { &["PATTERNS"] } else { &[] };
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
@@ -127,12 +129,18 @@ impl Frame {
         let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
         let pixels = PixelBuffers::new(gpu, size, plan.glossy(), bundle_pdfs);
-        let demands = gpu.storage("demands", (views.len().max(1) * size_of::<layouts::Demand>()) as u64);
+        // One for each time that a view is filled.
+        let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
+        let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
             view_setup: (!plan.rays).then(|| ViewSetup::new(gpu)),
             view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
-            light_point: (plan.light_vertices > 0).then(|| LightPoint::new(gpu, &with(&plan.light_flags))),
+            light_point: (plan.light_vertices > 0)
+                .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
+            light_pool: plan
+                .has_pool()
+                .then(|| LightPool::new(gpu, &with(pattern), &with(visibility), plan.light_pool, size)),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, pattern].concat()))),
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, pattern].concat()))),
@@ -149,7 +157,7 @@ impl Frame {
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
             film: gpu.storage("film", u64::from(size[0]) * u64::from(size[1]) * 32),
-            log: gpu.storage("log", 8 + 8 * views.len().max(1) as u64),
+            log: gpu.storage("log", 8 + 8 * fills as u64),
             demands,
             views,
             plan: plan.clone(),
@@ -170,47 +178,51 @@ impl Frame {
         batch_index: u32,
     ) {
         let sampler = Sampler::new(settings.seed, iteration);
-        let light = lights.choose(sampler.get(Decision::Light));
-        let uniform = describe(scene, camera, light.unwrap_or(0), settings, &sampler, iteration, batch_index);
+        let uniform = describe(scene, camera, settings, &sampler, iteration, batch_index);
         gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut commands;
         let light_vertices = self.plan.light_vertices as usize;
 
-        // y0, and everything that it can see; kept while a light without extent stays the same.
+        // y0 and what else direct light is chosen from; what y0 can see, kept while a light without extent stays the same.
+        let starts = light_starts(lights, &sampler, self.plan.light_pool);
+        let started = self.light_point.as_ref().filter(|_| !starts.is_empty());
         let rsm = self.rsm.as_ref().map(|pass| &pass.table);
-        let started = self.light_point.as_ref().zip(light);
-        if let Some((pass, light)) = started.filter(|(_, light)| self.light_in_view != Some(*light)) {
-            let record = &lights.records[light as usize];
-            self.views[0].looks(if record.is_infinite() { 1 } else { 6 });
-            pass.record(gpu, encoder, scene, &self.pixels.frame, &self.views[0]);
-            self.fill(gpu, encoder, scene, 0);
-            if let Some(rsm) = self.rsm.as_ref().filter(|_| record.is_fixed()) {
-                rsm.record(gpu, encoder, scene, &pass.y0, &self.views[0]);
+        if let Some(pass) = started {
+            let (light, record) = (starts[0].light, &lights.records[starts[0].light as usize]);
+            if self.light_in_view != Some(light) || starts.len() > 1 {
+                pass.record(gpu, encoder, scene, &starts);
             }
-            self.light_in_view = record.is_fixed().then_some(light);
+            if self.light_in_view != Some(light) {
+                pass.look(encoder, 0, record.is_infinite(), &self.views[0]);
+                self.fill(gpu, encoder, scene, 0, 0);
+                if let Some(rsm) = self.rsm.as_ref().filter(|_| record.is_fixed()) {
+                    rsm.record(gpu, encoder, scene, &pass.points, &self.views[0]);
+                }
+                self.light_in_view = record.is_fixed().then_some(light);
+            }
         }
 
         // y1, y2: VPLs, and everything that each can see (section 4.1).
-        if let (Some(pass), Some((LightPoint { y0, .. }, _))) = (&self.light_subpath, started) {
+        if let (Some(pass), Some(LightPoint { points, .. })) = (&self.light_subpath, started) {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
                 let vertices = &self.light_vertices;
-                pass.record(gpu, encoder, scene, &self.pixels, y0, rsm, vertex as u32, from, vertices, next);
-                self.fill(gpu, encoder, scene, vertex);
+                pass.record(gpu, encoder, scene, &self.pixels, points, rsm, vertex as u32, from, vertices, next);
+                self.fill(gpu, encoder, scene, vertex, vertex);
             }
         }
 
         // One ray-bundle per bounce (section 3.2), each in a direction of its own.
-        for (n, view) in self.views.iter().enumerate().skip(light_vertices) {
+        for (n, view) in self.views.iter().enumerate().skip(light_vertices).take(self.extensions.len()) {
             let n_bundle = (n - light_vertices) as u32;
             let numbers = sampler.get2(Decision::Bundle(n_bundle));
             let forward = self.directions.as_ref().map_or_else(|| uniform_sphere(numbers), |d| d.draw(numbers));
             let turn = TAU * sampler.get(Decision::Turn(n_bundle));
             let shift = self.plan.fast.then(|| sampler.get2(Decision::Shift(n_bundle)));
             view.look(gpu, &parallel(forward, scene.bounds, turn, shift, view.resolution));
-            self.fill(gpu, encoder, scene, n);
+            self.fill(gpu, encoder, scene, n, n);
         }
 
         // z1, and what the camera sees shining: (0, 2).
@@ -221,8 +233,12 @@ impl Frame {
         for j in 1..=settings.bounces + 1 {
             for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
                 let pass = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped));
-                let (Some((_, pass)), Some((LightPoint { y0, .. }, _))) = (pass, started) else { continue };
-                let view = &self.views[connection.s as usize - 1];
+                let (Some((_, pass)), Some(light_point)) = (pass, started) else { continue };
+                if let Some(pool) = self.light_pool.as_ref().filter(|_| (connection.s, j) == (1, 1)) {
+                    self.shine(gpu, encoder, scene, light_point, pool, strategy, lights, &starts);
+                    continue;
+                }
+                let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
                 pass.record(gpu, encoder, scene, &self.pixels, strategy, view, y0, &self.light_vertices, rsm);
             }
             let Some((extension, strategy)) = self.extensions.get(j as usize - 1) else { continue };
@@ -232,18 +248,36 @@ impl Frame {
         }
 
         // The film, unless a list ran out of room.
-        for (n, view) in self.views.iter().enumerate() {
-            let at = (n * size_of::<layouts::Demand>()) as u64;
-            encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
-            encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
-        }
         self.accumulate.record(gpu, encoder, &self.pixels, &self.demands, &self.film, &self.log);
         gpu.queue.submit([commands.finish()]);
     }
 
+    /// Direct light from the pool: what each light point can see, one after the other.
+    fn shine(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        light_point: &LightPoint,
+        pool: &LightPool,
+        strategy: &wgpu::Buffer,
+        lights: &LightTable,
+        starts: &[layouts::LightStart],
+    ) {
+        pool.choose(gpu, encoder, scene, &self.pixels, strategy, &light_point.points);
+        pool.test(gpu, encoder, scene, &self.pixels, 0, &self.views[0]);
+        let Some(view) = self.plan.pool_view() else { return };
+        for (n, start) in (0..).zip(starts).skip(1) {
+            let infinite = lights.records[start.light as usize].is_infinite();
+            light_point.look(encoder, n, infinite, &self.views[view]);
+            self.fill(gpu, encoder, scene, view, view + n as usize - 1);
+            pool.test(gpu, encoder, scene, &self.pixels, n, &self.views[view]);
+        }
+    }
+
     /// What answers for a view: set up once per triangle, then rasterized (DESIGN section 3, "Exact visibility"). Nothing where ray
-    /// queries answer.
-    fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize) {
+    /// queries answer. What it wanted is the `demand`-th.
+    fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize, demand: usize) {
         let view = &self.views[view];
         let (Some(setup), Some(lists)) = (&self.view_setup, &self.view_lists) else { return };
         view.reset(encoder, &self.empty_draw);
@@ -252,6 +286,27 @@ impl Frame {
             (Some(map), Some(pass)) => pass.record(gpu, encoder, scene, view, map),
             _ => lists.record(gpu, encoder, view),
         }
+        let at = (demand * size_of::<layouts::Demand>()) as u64;
+        encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
+        encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
+    }
+
+    /// Times that views are filled in an iteration, at least 1: demands that the log holds.
+    #[must_use]
+    pub fn fills(&self) -> usize {
+        (self.demands.size() / size_of::<layouts::Demand>() as u64) as usize
+    }
+
+    /// What each view wanted at most, of what each fill wanted.
+    #[must_use]
+    pub fn of_views(&self, fills: &[[u32; 2]]) -> Vec<[u32; 2]> {
+        let mut views = fills[..self.views.len()].to_vec();
+        for [items, nodes] in &fills[self.views.len()..] {
+            if let Some(pool) = views.last_mut() {
+                *pool = [pool[0].max(*items), pool[1].max(*nodes)];
+            }
+        }
+        views
     }
 
     /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
@@ -284,9 +339,9 @@ impl Frame {
     }
 
     fn write_rooms(&self, gpu: &Gpu) {
-        let rooms: Vec<_> = self
-            .views
-            .iter()
+        // The last view is the one that is filled several times, where there is one.
+        let rooms: Vec<_> = (0..self.fills())
+            .filter_map(|n| self.views.get(n).or(self.views.last()))
             .map(|v| layouts::Demand {
                 item_room: v.item_room as u32,
                 node_room: v.node_room as u32,
@@ -299,4 +354,14 @@ impl Frame {
             gpu.queue.write_buffer(&self.demands, 0, bytemuck::bytes_of(&layouts::Demand::default()));
         }
     }
+}
+
+/// Where the iteration's light points lie; nowhere if nothing shines. Lights are chosen at even steps from a random start.
+fn light_starts(lights: &LightTable, sampler: &Sampler, count: u32) -> Vec<layouts::LightStart> {
+    let first = sampler.get(Decision::Light);
+    let start = |n: u32| {
+        let light = lights.choose((first + n as f32 / count as f32).fract())?;
+        Some(layouts::LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 })
+    };
+    (0..count).filter_map(start).collect()
 }

@@ -104,13 +104,14 @@ layouts! {
         camera_forward: [f32; 3],
         samples: f32,
         jitter: [f32; 2],
-        y0_random: [f32; 2],
         y1_random: [f32; 2],
         y2_random: [f32; 2],
-        light: u32,
         beta: f32,
         iteration: u32,
-        pad: u32,
+        noise: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// A strategy's constants.
@@ -257,6 +258,13 @@ layouts! {
         pad0: u32,
         pad1: u32,
         pad2: u32,
+    }
+
+    /// Which light a light point lies on, and where.
+    struct LightStart in "light_point" {
+        random: [f32; 2],
+        light: u32,
+        pad: u32,
     }
 
     /// Where a light subpath starts.

@@ -11,6 +11,12 @@ use crate::view::Answers;
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
 
+/// Up to so many lights one light point an iteration is enough; beyond, direct light is chosen from a pool.
+const FEW_LIGHTS: usize = 16;
+
+/// Light points of the pool.
+const POOL: u32 = 16;
+
 /// Why nothing starts from a light.
 const NO_LIGHT: &str = "no light that subpaths start from";
 
@@ -32,8 +38,8 @@ pub struct Connection {
     pub s: u32,
     /// Index of the eye vertex that is joined; the strategy has j + 1 eye vertices.
     pub j: u32,
-    /// Which of s = 0, 1, 2, 3 take part in MIS for paths of this length.
-    pub allowed: [bool; 4],
+    /// Samples of s = 0, 1, 2, 3 that take part in MIS for paths of this length.
+    pub samples: [u32; 4],
     /// Whether the geometry term is bounded (the paper's (2, 3)).
     pub clamped: bool,
 }
@@ -47,8 +53,8 @@ pub struct Extension {
     pub last: bool,
     /// Whether light that it meets counts.
     pub meets: bool,
-    /// Which of s = 0, 1, 2, 3 take part in MIS for paths that end in it.
-    pub allowed: [bool; 4],
+    /// Samples of s = 0, 1, 2, 3 that take part in MIS for paths that end in it.
+    pub samples: [u32; 4],
 }
 
 impl Extension {
@@ -70,6 +76,8 @@ pub struct FramePlan {
     pub light_flags: Vec<&'static str>,
     /// Light vertices that exist: 0 without lights, otherwise the light and up to two VPLs.
     pub light_vertices: u32,
+    /// Light points that direct light is chosen from; the first is the light vertex.
+    pub light_pool: u32,
     /// Whether light subpaths also start from lights that paths from the camera can meet.
     pub starts_from_met: bool,
     /// Whether bundles go where a map says that light comes from, eq. (2): only where nothing else finds it. Measured on
@@ -118,38 +126,50 @@ impl FramePlan {
             (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
             _ => MOST_LIGHT_VERTICES.min(bounces + 1),
         };
+        let met = if stats.environment { stats.emissive_triangles + 1 } else { stats.emissive_triangles };
+        let lights = stats.lights + if starts_from_met { met } else { 0 };
+        let light_pool = if light_vertices == 0 {
+            1
+        } else {
+            settings.light_pool.unwrap_or(if lights > FEW_LIGHTS { POOL } else { 1 })
+        };
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
-        let allowed = |k: u32| -> [bool; 4] {
+        let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
             std::array::from_fn(|i| {
                 let s = i as u32;
-                s <= most
+                let takes_part = s <= most
                     && (s > 0 || shines)
                     && match settings.strategies {
                         Strategies::All | Strategies::Bundle => true,
                         Strategies::Vpl => s == most,
                         Strategies::Paper => s == 0 || k < 2 || (k == 2 && s == 2),
-                    }
+                    };
+                match (takes_part, s, k) {
+                    (false, ..) => 0,
+                    (true, 1, 0) => light_pool,
+                    _ => 1,
+                }
             })
         };
         // One that counts alone, with all of what it makes.
-        let alone = |s: u32, allowed: [bool; 4]| {
-            if unweighted { std::array::from_fn(|i| i as u32 == s) } else { allowed }
+        let alone = |s: u32, samples: [u32; 4]| {
+            if unweighted { std::array::from_fn(|i| if i as u32 == s { samples[i] } else { 0 }) } else { samples }
         };
         let connections: Vec<_> = (1..=bounces + 1)
             .flat_map(|j| (1..=light_vertices).map(move |s| (j, s)))
             .filter(|(j, s)| s + j - 2 <= bounces)
-            .map(|(j, s)| Connection { s, j, allowed: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
-            .filter(|c| c.allowed[c.s as usize] && counts(c.s, c.j + 1))
-            .map(|c| Connection { allowed: alone(c.s, c.allowed), ..c })
+            .map(|(j, s)| Connection { s, j, samples: allowed(s + j - 2), clamped: paper && s + j - 2 == 2 })
+            .filter(|c| c.samples[c.s as usize] > 0 && counts(c.s, c.j + 1))
+            .map(|c| Connection { samples: alone(c.s, c.samples), ..c })
             .collect();
         // What the camera sees no other strategy makes.
-        let meets = |j: u32| shines && counts(0, j + 2) && (j == 0 || allowed(j - 1)[0]);
+        let meets = |j: u32| shines && counts(0, j + 2) && (j == 0 || allowed(j - 1)[0] > 0);
         // z_(j+1) is needed where something joins it or light can be met beyond.
         let deepest = connections.iter().map(|c| c.j).max().unwrap_or(1);
         let farthest = (1..=bounces + 1).rev().find(|&j| meets(j)).unwrap_or(0).max(deepest - 1);
         let extensions: Vec<_> = (1..=farthest)
-            .map(|j| Extension { j, last: j == bounces + 1, meets: meets(j), allowed: alone(0, allowed(j - 1)) })
+            .map(|j| Extension { j, last: j == bounces + 1, meets: meets(j), samples: alone(0, allowed(j - 1)) })
             .collect();
 
         let mut surface_flags = Vec::new();
@@ -193,6 +213,7 @@ impl FramePlan {
             surface_flags,
             light_flags,
             light_vertices,
+            light_pool,
             starts_from_met,
             sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,
@@ -212,7 +233,7 @@ impl FramePlan {
         plan
     }
 
-    /// Texels along a side and faces of each view: the light, the VPLs, then the bundles.
+    /// Texels along a side and faces of each view: the light, the VPLs, the bundles, then one for the pool of light points.
     #[must_use]
     pub fn views(&self) -> Vec<(u32, u32)> {
         let mut views = Vec::new();
@@ -220,7 +241,22 @@ impl FramePlan {
             views.push((if s == 0 { self.light_resolution } else { self.vpl_resolution }, 6));
         }
         views.extend(self.extensions.iter().map(|_| (self.bundle_resolution, 1)));
+        if self.has_pool() {
+            views.push((self.light_resolution, 6));
+        }
         views
+    }
+
+    /// Whether direct light comes from a pool of light points.
+    #[must_use]
+    pub fn has_pool(&self) -> bool {
+        self.light_pool > 1 && self.connections.iter().any(|c| (c.s, c.j) == (1, 1))
+    }
+
+    /// Which view the pool's light points share but for the first.
+    #[must_use]
+    pub fn pool_view(&self) -> Option<usize> {
+        self.has_pool().then(|| self.light_vertices as usize + self.extensions.len())
     }
 
     /// Draw items and nodes that a view starts with room for; both grow where a frame needs more.
@@ -252,7 +288,7 @@ impl FramePlan {
     pub fn answers(&self, n: usize) -> Answers {
         if self.rays {
             Answers::Rays
-        } else if self.has_depth_maps() && n < self.light_vertices as usize {
+        } else if self.has_depth_maps() && (n < self.light_vertices as usize || self.pool_view() == Some(n)) {
             Answers::DepthMap
         } else {
             Answers::Lists { node_words: self.node_words() }
@@ -268,7 +304,9 @@ impl FramePlan {
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = stats.triangles as u64;
-        let per_pixel = size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16 + 32 + 8;
+        let pool = if self.has_pool() { 16 } else { 0 };
+        let per_pixel =
+            pool + size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16 + 32 + 8;
         let views: u64 = self
             .views()
             .iter()
@@ -290,8 +328,9 @@ impl FramePlan {
     fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {
         let mut out = Vec::new();
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
-        let views = if self.rays { 0 } else { self.views().len() as u32 };
-        let maps = if self.has_depth_maps() { self.light_vertices } else { 0 };
+        let around_lights = self.light_vertices + if self.has_pool() { self.light_pool - 1 } else { 0 };
+        let views = if self.rays { 0 } else { around_lights + self.extensions.len() as u32 };
+        let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
             "view_setup",
             views,
@@ -299,7 +338,7 @@ impl FramePlan {
                 "ray queries answer".to_owned()
             } else {
                 let bundles = self.extensions.len();
-                format!("once per view: {} around light vertices, {bundles} bundles", self.light_vertices)
+                format!("once per view: {around_lights} around light vertices, {bundles} bundles")
             },
         );
         pass(
@@ -350,7 +389,7 @@ impl FramePlan {
         pass("eye_vertices", 1, "exact positions, and light that the camera sees".to_owned());
         pass(
             "connect",
-            self.connections.len() as u32,
+            (self.connections.len() - usize::from(self.has_pool())) as u32,
             if self.light_vertices == 0 {
                 NO_LIGHT.to_owned()
             } else {
@@ -358,6 +397,15 @@ impl FramePlan {
             },
         );
         let meets = self.extensions.iter().any(|e| e.meets);
+        pass(
+            "light_pool",
+            if self.has_pool() { self.light_pool + 1 } else { 0 },
+            match (self.light_pool, self.light_vertices) {
+                (_, 0) => NO_LIGHT.to_owned(),
+                (1, _) => "few lights: one light point an iteration".to_owned(),
+                (n, _) => format!("direct light, (1, 2): a choice among {n} light points, then a test for each"),
+            },
+        );
         pass(
             "extend",
             self.extensions.len() as u32,

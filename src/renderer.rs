@@ -146,11 +146,11 @@ impl<'gpu> Renderer<'gpu> {
                 );
             }
             self.gpu.timings.collect(self.gpu)?;
-            let views = self.plan.views().len().max(1);
-            let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * views)?;
+            let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * self.frame.fills())?;
             self.gpu.queue.write_buffer(&self.frame.log, 0, &vec![0; log.len() * 4]);
             self.stats.non_finite += u64::from(log[0]);
-            let needed: Vec<[u32; 2]> = log[2..].chunks_exact(2).map(|c| [c[0], c[1]]).collect();
+            let fills: Vec<[u32; 2]> = log[2..].chunks_exact(2).map(|c| [c[0], c[1]]).collect();
+            let needed = self.frame.of_views(&fills);
             self.stats.demands.resize(needed.len(), [0; 2]);
             for (most, now) in self.stats.demands.iter_mut().zip(&needed) {
                 *most = [most[0].max(now[0]), most[1].max(now[1])];

@@ -23,8 +23,8 @@ pub enum Decision {
     Pixel,
     /// Which light (1).
     Light,
-    /// Point on the light (2).
-    Y0,
+    /// Point on the n-th light of the pool (2); the first is y0.
+    LightPoint(u32),
     /// Point of the lens (2).
     Lens,
     /// Turn of the n-th bundle's grid (1).
@@ -42,12 +42,14 @@ impl Decision {
             Self::Bundle(1) => 6,
             Self::Pixel => 8,
             Self::Light => 10,
-            Self::Y0 => 12,
+            Self::LightPoint(0) => 12,
             Self::Lens => 148,
             // Further bundles take blocks of their own.
             Self::Bundle(n) => 14 + 2 * (n - 2),
             Self::Turn(n) => 150 + 3 * n,
             Self::Shift(n) => 151 + 3 * n,
+            // Beyond what the others take.
+            Self::LightPoint(n) => 512 + 2 * n,
         }
     }
 }
@@ -70,6 +72,12 @@ impl Sampler {
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         Self { index: (iteration % POINTS) as u32, seed: (x ^ (x >> 31)) as u32 }
+    }
+
+    /// Bits that differ from iteration to iteration and from seed to seed.
+    #[must_use]
+    pub fn bits(&self) -> u32 {
+        (self.index ^ self.seed.rotate_left(16)).wrapping_mul(0x9e37_79b9) ^ self.seed
     }
 
     /// One number in [0, 1).

@@ -20,6 +20,8 @@ pub const BOUNCES: RangeInclusive<u32> = 0..=64;
 
 /// Texels along a side of a view.
 pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
+/// Light points of a pool.
+const POOLS: RangeInclusive<u32> = 1..=256;
 
 /// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
 pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
@@ -258,6 +260,9 @@ pub struct Settings {
     /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
     #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
     pub paper_clamp: f32,
+    /// Light points per iteration that the direct light of each pixel is chosen from, 1 to 256 [default: chosen from the scene]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    pub light_pool: Option<u32>,
     /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
     #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
     pub list_room: f32,
@@ -298,6 +303,7 @@ impl Default for Settings {
             bundle_resolution: None,
             light_resolution: None,
             vpl_resolution: None,
+            light_pool: None,
             paper_clamp: 0.05,
             list_room: 1.0,
             aperture: None,
@@ -357,6 +363,9 @@ impl Settings {
         if !(0.0..=1.0).contains(&paper_clamp) {
             return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
         }
+        if let Some(points) = self.light_pool.filter(|n| !POOLS.contains(n)) {
+            return wrong("--light-pool", &points, format!("has to be {}", span(&POOLS)));
+        }
         if let Some(metres) = self.aperture.filter(|a| !APERTURES.contains(a)) {
             return wrong("--aperture", &metres, format!("has to be {} metres", span(&APERTURES)));
         }
@@ -405,6 +414,7 @@ impl Settings {
             ("--list-room", room, "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
+            ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", self.light_sampling.filter(|_| !paths).map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
@@ -476,6 +486,8 @@ mod tests {
             ("--beta", Settings { beta: Some(-1.0), ..base.clone() }),
             ("--list-room", Settings { list_room: 0.0, ..base.clone() }),
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
+            ("--light-pool", Settings { light_pool: Some(0), ..base.clone() }),
+            ("--light-pool", Settings { method: Method::Path, light_pool: Some(4), ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
             ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),
             ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base.clone() }),

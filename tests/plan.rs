@@ -42,11 +42,18 @@ fn with(strategies: Strategies, bounces: u32) -> Settings {
     Settings { strategies, bounces, ..Settings::default() }
 }
 
+/// Of a scene with few lights.
 fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
-    let plan = FramePlan::new(stats, settings, &capabilities());
-    let counts = [plan.light_vertices.saturating_sub(1), plan.connections.len() as u32, plan.extensions.len() as u32];
-    assert_eq!(["light_subpath", "connect", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
+    let plan = plan_of(stats, settings);
+    assert_eq!(runs(&plan, "connect"), plan.connections.len() as u32);
     assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32);
+    plan
+}
+
+fn plan_of(stats: &SceneStats, settings: &Settings) -> FramePlan {
+    let plan = FramePlan::new(stats, settings, &capabilities());
+    let counts = [plan.light_vertices.saturating_sub(1), plan.extensions.len() as u32];
+    assert_eq!(["light_subpath", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
     assert!(plan.bytes > 0);
     let text = plan.to_string();
     for pass in &plan.passes {
@@ -90,6 +97,7 @@ fn without_light_only_the_camera_looks() {
         ("gbuffer", 1),
         ("eye_vertices", 1),
         ("connect", 0),
+        ("light_pool", 0),
         ("extend", 0),
         ("accumulate", 1),
     ];
@@ -123,18 +131,18 @@ fn a_point_light_by_number_of_bounces() {
     for k in 0..=16 {
         let of_length: Vec<_> = many.connections.iter().filter(|c| c.s + c.j - 2 == k).collect();
         assert_eq!(of_length.len() as u32, 3.min(k + 1), "bounces {k}");
-        let allowed = [false, true, k >= 1, k >= 2];
-        assert!(of_length.iter().all(|c| c.allowed == allowed && !c.clamped), "{of_length:?}");
+        let samples = [0, 1, u32::from(k >= 1), u32::from(k >= 2)];
+        assert!(of_length.iter().all(|c| c.samples == samples && !c.clamped), "{of_length:?}");
     }
 }
 
 #[test]
 fn two_bounces_have_six_connections_under_mis() {
     let plan = plan(&one_light(), &bounces(2));
-    let c = |s, j, allowed| Connection { s, j, allowed, clamped: false };
-    let direct = [false, true, false, false];
-    let once = [false, true, true, false];
-    let twice = [false, true, true, true];
+    let c = |s, j, samples| Connection { s, j, samples, clamped: false };
+    let direct = [0, 1, 0, 0];
+    let once = [0, 1, 1, 0];
+    let twice = [0, 1, 1, 1];
     let expected = [c(1, 1, direct), c(2, 1, once), c(3, 1, twice), c(1, 2, once), c(2, 2, twice), c(1, 3, twice)];
     assert_eq!(plan.connections, expected);
     let reason = &plan.passes.iter().find(|p| p.name == "connect").unwrap().reason;
@@ -156,8 +164,9 @@ fn masks_and_connections_agree() {
                 }
                 assert!(!of_length.is_empty(), "{strategy:?}, {k}: nothing makes {length} bounces");
                 for connection in &of_length {
-                    let run: [bool; 4] = std::array::from_fn(|i| of_length.iter().any(|c| c.s == i as u32));
-                    assert_eq!(connection.allowed, run, "{strategy:?}, {k}: {of_length:?}");
+                    let runs = |s: usize| of_length.iter().any(|c| c.s == s as u32);
+                    let run: [u32; 4] = std::array::from_fn(|s| u32::from(runs(s)));
+                    assert_eq!(connection.samples, run, "{strategy:?}, {k}: {of_length:?}");
                     seen += 1;
                 }
             }
@@ -213,25 +222,43 @@ fn light_that_is_met_by_chance() {
             let expected: Vec<_> = (1..=k + 1).map(|j| (j, j == k + 1)).collect();
             assert_eq!(extensions(&all), expected, "{k} bounces");
             for length in 0..=k {
-                let allowed = [true, true, length >= 1, length >= 2];
-                let joined = all.connections.iter().filter(|c| c.s + c.j - 2 == length).map(|c| c.allowed);
-                let met = all.extensions.iter().filter(|e| e.j == length + 1 && e.meets).map(|e| e.allowed);
-                assert!(joined.chain(met).all(|a| a == allowed), "{length} of {k} bounces");
+                let samples = [1, 1, u32::from(length >= 1), u32::from(length >= 2)];
+                let joined = all.connections.iter().filter(|c| c.s + c.j - 2 == length).map(|c| c.samples);
+                let met = all.extensions.iter().filter(|e| e.j == length + 1 && e.meets).map(|e| e.samples);
+                assert!(joined.chain(met).all(|n| n == samples), "{length} of {k} bounces");
             }
             // The paper only meets it, VPLs alone never do.
             let paper = plan(&stats, &with(Strategies::Paper, k));
             assert_eq!((paper.light_vertices, paper.connections.len()), (0, 0));
             assert!(paper.sky_bundles == stats.environment_map && !all.sky_bundles);
-            assert!(extensions(&paper) == expected && paper.extensions.iter().all(|e| e.meets && e.allowed[0]));
+            assert!(extensions(&paper) == expected && paper.extensions.iter().all(|e| e.meets && e.samples[0] == 1));
             let vpl = plan(&stats, &with(Strategies::Vpl, k));
             assert!(vpl.camera_meets && vpl.extensions.iter().all(|e| !e.meets));
-            assert!(vpl.connections.iter().all(|c| !c.allowed[0]));
+            assert!(vpl.connections.iter().all(|c| c.samples[0] == 0));
         }
     }
     // With a lamp as well, both kinds of strategy run.
     let both = plan(&SceneStats { environment: true, ..one_light() }, &bounces(2));
     assert_eq!((both.connections.len(), runs(&both, "rsm")), (6, 1));
     assert_eq!(extensions(&both), [(1, false), (2, false), (3, true)]);
+}
+
+#[test]
+fn many_lights_make_a_pool() {
+    let many = SceneStats { lights: 1000, ..dark() };
+    let all = plan_of(&many, &bounces(2));
+    // Direct light comes from sixteen light points, all other paths from the first.
+    assert!(all.light_pool == 16 && all.has_pool() && runs(&all, "light_pool") == 17, "{all}");
+    for c in &all.connections {
+        assert_eq!(c.samples[1], if c.s + c.j == 2 { 16 } else { 1 }, "{c:?}");
+    }
+    assert_eq!((runs(&all, "view_setup"), all.views().len()), (3 + 2 + 15, 3 + 2 + 1));
+    assert_eq!(all.pool_view(), Some(5));
+    let asked = |light_pool| plan_of(&many, &Settings { light_pool: Some(light_pool), ..bounces(2) });
+    assert!(!asked(1).has_pool() && asked(1).bytes < all.bytes && runs(&asked(4), "light_pool") == 5);
+    let meets = plan_of(&SceneStats { emissive_triangles: 1000, ..dark() }, &bounces(1));
+    assert_eq!(meets.extensions.iter().map(|e| e.samples[1]).collect::<Vec<_>>(), [16, 1]);
+    assert!(!plan_of(&SceneStats { lights: 3, ..dark() }, &bounces(2)).has_pool());
 }
 
 #[test]

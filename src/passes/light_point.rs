@@ -1,6 +1,6 @@
-//! light_point: y0, where the iteration's light subpath starts, and the view from there.
+//! light_point: the iteration's light points, y0 among them, and the views from there.
 //!
-//! Reads the lights. Skipped while a light without extent stays the same.
+//! Reads the lights. Skipped while the only one is a light without extent that stays the same.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
@@ -10,16 +10,24 @@ use crate::view::ViewBuffers;
 /// The pass.
 pub struct LightPoint {
     compute: Compute,
-    /// y0.
-    pub y0: wgpu::Buffer,
+    count: u32,
+    starts: wgpu::Buffer,
+    views: wgpu::Buffer,
+    /// The light points; the first is y0.
+    pub points: wgpu::Buffer,
 }
 
 impl LightPoint {
-    /// Builds the pipeline.
+    /// Builds the pipeline, for views of a resolution.
     #[must_use]
-    pub fn new(gpu: &Gpu, flags: &[&str]) -> Self {
-        let y0 = gpu.storage("y0", size_of::<layouts::LightPoint>() as u64);
-        Self { compute: Compute::new(gpu, "light_point", "light_point", flags), y0 }
+    pub fn new(gpu: &Gpu, flags: &[&str], count: u32, resolution: u32) -> Self {
+        Self {
+            compute: Compute::new(gpu, "light_point", "light_point", flags),
+            count,
+            starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
+            views: gpu.upload("light_views", &vec![layouts::View { resolution, ..Default::default() }; count as usize]),
+            points: gpu.storage("light_points", u64::from(count) * size_of::<layouts::LightPoint>() as u64),
+        }
     }
 
     /// Records the pass.
@@ -28,14 +36,21 @@ impl LightPoint {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        frame: &wgpu::Buffer,
-        next: &ViewBuffers,
+        starts: &[layouts::LightStart],
     ) {
+        gpu.queue.write_buffer(&self.starts, 0, bytemuck::cast_slice(starts));
         let bindings = scene.with(&[
-            ("frame", frame.as_entire_binding()),
-            ("y0", self.y0.as_entire_binding()),
-            ("next_view", next.view.as_entire_binding()),
+            ("light_starts", self.starts.as_entire_binding()),
+            ("light_points", self.points.as_entire_binding()),
+            ("light_views", self.views.as_entire_binding()),
         ]);
-        self.compute.record(gpu, encoder, [1, 1], &bindings);
+        self.compute.record(gpu, encoder, [self.count, 1], &bindings);
+    }
+
+    /// Points a view where the n-th light point looks, in all directions or from infinitely far away.
+    pub fn look(&self, encoder: &mut wgpu::CommandEncoder, n: u32, infinite: bool, view: &ViewBuffers) {
+        let size = size_of::<layouts::View>() as u64;
+        encoder.copy_buffer_to_buffer(&self.views, u64::from(n) * size, &view.view, 0, size);
+        view.looks(if infinite { 1 } else { 6 });
     }
 }

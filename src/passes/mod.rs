@@ -10,6 +10,7 @@ pub mod eye_vertices;
 pub mod gbuffer;
 pub mod light_paths;
 pub mod light_point;
+pub mod light_pool;
 pub mod light_subpath;
 pub mod queries;
 pub mod ray_queries;

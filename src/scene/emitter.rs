@@ -5,6 +5,7 @@
 
 use glam::Vec3;
 
+use super::texture::linear_from_srgb;
 use super::{Geometry, Scene, TextureRef, Wrap};
 
 /// An emissive triangle.
@@ -28,11 +29,11 @@ pub struct Part {
 }
 
 /// Texels that a part spans along its longest side, where there is no end to cutting.
-const TEXELS: f32 = 4.0;
+const TEXELS: f32 = 2.0;
 /// Most parts along a side.
 const MOST_PARTS: u32 = 32;
 /// Most parts of a scene.
-const MOST_OF_ALL: usize = 1 << 20;
+const MOST_OF_ALL: usize = 1 << 18;
 /// Points along a side of a part at which the texture is looked up, at most.
 const MOST_POINTS: u32 = 16;
 /// Share of a triangle's mean that the darkest part has at least: filters spread light over texels that were not looked up.
@@ -166,11 +167,6 @@ fn texel(
     let [r, g, b, _] = image.texels[y * image.width as usize + x];
     let value = |v: u8| if sampler.srgb { decode[v as usize] } else { f32::from(v) / 255.0 };
     Vec3::new(value(r), value(g), value(b))
-}
-
-/// IEC 61966-2-1.
-fn linear_from_srgb(v: f32) -> f32 {
-    if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
 #[cfg(test)]

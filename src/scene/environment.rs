@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::{Mat3, Vec3};
 
 use super::sky::ClearSky;
+use super::texture::linear_from_srgb;
 use super::{Light, LoadError, Scene};
 
 /// Where the first and the last row of an equirectangular map lie.
@@ -148,8 +149,7 @@ impl EnvironmentMap {
         if width == 0 || height == 0 {
             return Err("the image has no pixels".to_owned());
         }
-        let linear = |v: f32| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
-        let texel = |p: &[f32]| [p[0], p[1], p[2]].map(|v| if float { v } else { linear(v) });
+        let texel = |p: &[f32]| [p[0], p[1], p[2]].map(|v| if float { v } else { linear_from_srgb(v) });
         let texels = rgb.into_raw().chunks_exact(3).map(texel).collect();
         Ok(Self { width, height, texels, rows: Rows::Centred })
     }

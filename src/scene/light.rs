@@ -62,6 +62,18 @@ pub enum Light {
     },
 }
 
+impl Light {
+    /// Whether nothing comes from it.
+    #[must_use]
+    pub fn is_black(&self, patterns: &[Pattern]) -> bool {
+        match self {
+            Self::Point { intensity, .. } | Self::Spot { intensity, .. } => *intensity == Vec3::ZERO,
+            Self::Directional { irradiance, .. } | Self::Sun { irradiance, .. } => *irradiance == Vec3::ZERO,
+            Self::Lamp(lamp) => lamp.power(patterns) == Vec3::ZERO,
+        }
+    }
+}
+
 /// A light at a place, of any size and with any pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lamp {

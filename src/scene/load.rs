@@ -79,6 +79,14 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
             scene.warn("the scene has no camera: one that frames it from the front, right and above is added");
         }
     }
+    let black = scene.lights.iter().filter(|light| light.is_black(&scene.patterns)).count();
+    if black > 0 {
+        scene.warn(format!("{black} of the scene's {} lights have no power: they are ignored", scene.lights.len()));
+    }
+    let flat = flat_emitters(scene);
+    if flat > 0 {
+        scene.warn(format!("{flat} emissive triangles have no area: they are ignored"));
+    }
     let shines = |material: usize| scene.materials[material].emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO);
     let emissive = scene.instances.iter().any(|i| shines(scene.meshes[i.mesh].material));
     if scene.lights.is_empty() && scene.environment.is_none() && !emissive {
@@ -188,6 +196,21 @@ fn repair(mesh: &mut Mesh) -> usize {
     mesh.uvs.iter_mut().flatten().filter(|t| neutral(t.is_finite())).for_each(|t| *t = Vec2::ZERO);
     mesh.colors.iter_mut().filter(|c| neutral(c.is_finite())).for_each(|c| *c = Vec4::ONE);
     repaired
+}
+
+/// Triangles of emissive materials that have no area in the world.
+fn flat_emitters(scene: &Scene) -> usize {
+    let emissive =
+        |mesh: &Mesh| scene.materials[mesh.material].emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO);
+    let of = |instance: &super::Instance| {
+        let mesh = &scene.meshes[instance.mesh];
+        let flat = |t: &&[u32; 3]| {
+            let [a, b, c] = t.map(|i| instance.world_from_local.transform_point3(mesh.positions[i as usize]));
+            (b - a).cross(c - a).length() == 0.0
+        };
+        if emissive(mesh) { mesh.triangles.iter().filter(flat).count() } else { 0 }
+    };
+    scene.instances.iter().map(of).sum()
 }
 
 /// World-space bounds; on failure the instance at fault and the cause.

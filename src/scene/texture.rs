@@ -102,3 +102,9 @@ impl Image {
         Ok(Self { name: name.to_owned(), width, height, texels })
     }
 }
+
+/// A linear value from an sRGB-encoded one, both in [0, 1] (IEC 61966-2-1).
+#[must_use]
+pub fn linear_from_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}

@@ -92,6 +92,11 @@ fn a_lens_agrees_with_the_reference() {
     agrees("lens", &scenes::lens(), 32, 2);
 }
 
+#[test]
+fn lamps_suns_patterns_and_textured_emitters_agree_with_the_reference() {
+    agrees("lamps", &scenes::lamps(), 32, 2);
+}
+
 /// A light that is 0.75 % too bright is found in the mean; one that is missing in the pixels.
 #[test]
 fn planted_errors_are_caught() {

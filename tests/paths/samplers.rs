@@ -2,11 +2,13 @@
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::layouts::{DrawAnswer, DrawQuestion};
 use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::scene::{Boundary, Emission, Environment, Fresnel, Light, Material, Rows, Scene};
+use lightsheaf::scene::{
+    Boundary, Cone, Emission, Environment, Fresnel, Lamp, Light, Material, Rows, Scene, SpotFalloff,
+};
 use lightsheaf::settings::{LightSampling, Method, Settings};
 
 use crate::common::gpu_with_ray_queries;
@@ -279,6 +281,93 @@ fn lights_are_drawn_as_their_density_says() {
         }
     }
     assert_eq!(tested, 4);
+}
+
+/// p-value of numbers that should be even over [0, 1).
+fn even(numbers: &[f64]) -> f64 {
+    let mut counts = [0_u64; 64];
+    numbers.iter().for_each(|&e| counts[((e * 64.0) as usize).min(63)] += 1);
+    p_value(&counts, &[numbers.len() as f64 / 64.0; 64])
+}
+
+/// Subpaths leave a ball from points that are even over the disc that is seen from any side, and a sun evenly over its disc;
+/// neither depends on where they go on.
+#[test]
+fn lights_with_a_size_are_drawn_evenly() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = plate(Material::diffuse("", Vec3::ONE));
+    let position = Vec3::new(0.3, 0.5, -0.2);
+    let cone = Cone { inner_angle: 0.2, outer_angle: 0.5, falloff: SpotFalloff::AngleLinear };
+    let world_from_lamp = Mat3::from_rotation_x(-0.5);
+    let lamp = Lamp { position, world_from_lamp, radius: 0.25, intensity: Vec3::ONE, cone: Some(cone), pattern: None };
+    let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
+    let limit = SIGNIFICANCE / 8.0;
+    let check = |what: &str, numbers: Vec<f64>| {
+        let p = even(&numbers);
+        println!("{what}: p {p:.4}");
+        assert!(p >= limit, "{what}: {p}");
+    };
+
+    scene.lights = vec![Light::Lamp(lamp)];
+    let drawn = Oracle::new(gpu, &scene).ask(&vec![question; DRAWS as usize]);
+    let at = |a: &DrawAnswer| ((Vec3::from(a.extra) - position) / 0.25).as_dvec3();
+    check("ball from Z", drawn.iter().map(|a| at(a).truncate().length_squared()).collect());
+    check("ball from X", drawn.iter().map(|a| at(a).y.powi(2) + at(a).z.powi(2)).collect());
+    check("ball around Z", drawn.iter().map(|a| at(a).y.atan2(at(a).x).rem_euclid(TAU) / TAU).collect());
+    check("ball around X", drawn.iter().map(|a| at(a).z.atan2(at(a).y).rem_euclid(TAU) / TAU).collect());
+    let axis = lamp.direction().as_dvec3();
+    let cosine = |a: &DrawAnswer| (1.0 - axis.dot(Vec3::from(a.w).as_dvec3())) / (1.0 - 0.5_f64.cos());
+    check("cone", drawn.iter().map(cosine).collect());
+    // Half of the ball sends as much into half of the cone as any other half.
+    let quarters = drawn.iter().filter(|a| at(a).z > 0.0).map(cosine).collect();
+    check("cone of half a ball", quarters);
+
+    let direction = Vec3::new(0.3, -0.8, 0.5).normalize();
+    scene.lights = vec![Light::Sun { direction, irradiance: Vec3::ONE, angle: 0.3, of_sky: false }];
+    let drawn = Oracle::new(gpu, &scene).ask(&vec![question; DRAWS as usize]);
+    let w = |a: &DrawAnswer| Vec3::from(a.w).as_dvec3();
+    check("sun", drawn.iter().map(|a| (1.0 - w(a).dot(direction.as_dvec3())) / (1.0 - 0.3_f64.cos())).collect());
+    let (x, y) = direction.as_dvec3().any_orthonormal_pair();
+    check("around the sun", drawn.iter().map(|a| w(a).dot(y).atan2(w(a).dot(x)).rem_euclid(TAU) / TAU).collect());
+}
+
+/// Parts of a triangle with a textured emission are chosen by their probability, and points lie evenly in the part that is chosen.
+#[test]
+fn parts_of_emitters_are_drawn_as_their_density_says() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::lamps();
+    let geometry = lightsheaf::scene::Geometry::new(&scene);
+    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, lightsheaf::light_table::Met::All);
+    let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
+    let drawn = Oracle::new(gpu, &scene).ask(&vec![question; DRAWS as usize]);
+    let mut counts = vec![0_u64; table.records.len()];
+    let (mut checked, mut evens) = (0, Vec::new());
+    for answer in &drawn {
+        counts[answer.index as usize] += 1;
+        let record = &table.records[answer.index as usize];
+        if record.kind != 4 {
+            continue;
+        }
+        let [a, b, c] = geometry.positions(record.triangle as usize);
+        let (x, normal) = (Vec3::from(answer.extra), (b - a).cross(c - a));
+        let weights = [(c - a).cross(a - x), (a - b).cross(b - x)].map(|n| n.dot(normal) / normal.length_squared());
+        let [first, parts] = table.emitters[record.triangle as usize];
+        // Within the part, weights run from 0 to 1 as in a triangle of its own.
+        let inside = [0, 1].map(|k| f64::from((weights[k] - record.position[k]) / record.position[2]));
+        assert!(inside.iter().all(|&w| w > -1e-3) && inside[0] + inside[1] < 1.001, "{weights:?} in {record:?}");
+        if inside.iter().all(|&w| w > 1e-3) && inside[0] + inside[1] < 0.999 {
+            assert_eq!(first + lightsheaf::scene::emitter::part_of(parts, weights), answer.index);
+            checked += 1;
+        }
+        if parts > 1 {
+            evens.push(1.0 - (1.0 - inside[0].clamp(0.0, 1.0)).powi(2));
+        }
+    }
+    assert!(table.records.len() > 100 && checked > DRAWS / 4, "{} {checked}", table.records.len());
+    let expected: Vec<f64> = table.records.iter().map(|r| f64::from(r.probability) * f64::from(DRAWS)).collect();
+    let [choice, inside] = [p_value(&counts, &expected), even(&evens)];
+    println!("choice of {}: p {choice:.4}, inside: p {inside:.4}", counts.len());
+    assert!(choice >= SIGNIFICANCE / 2.0 && inside >= SIGNIFICANCE / 2.0, "{choice} {inside}");
 }
 
 /// Surfaces choose lights as the probability says that MIS asks for; it sums to 1, and no light that reaches a surface is left out.

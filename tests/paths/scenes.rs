@@ -1,9 +1,9 @@
 //! Scenes with every light, material and camera that the path methods follow.
 
-use glam::{Affine2, Vec2, Vec3};
+use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lens, Light, Material, Mesh, NormalMap, Scalar,
-    Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh,
+    NormalMap, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -204,5 +204,59 @@ pub fn textured() -> Scene {
 pub fn lens() -> Scene {
     let mut scene = cornell("area");
     scene.cameras[0].lens = Some(Lens { radius: 0.15, focus: 3.2 });
+    scene
+}
+
+/// A room with a lamp of some size, a profile, a projector, a sun through the open side, and an emitter with a texture.
+pub fn lamps() -> Scene {
+    let mut scene = reflecting();
+    let room = &mut scene.meshes[0];
+    let positions = &room.positions;
+    room.triangles.retain(|t| t.iter().any(|&i| positions[i as usize].z < 0.99));
+    assert_eq!(room.triangles.len(), 10, "a side is open");
+    let lamp = |position, radius, intensity: f32, pattern| Lamp {
+        position,
+        world_from_lamp: Mat3::from_rotation_x(-1.3),
+        radius,
+        intensity: Vec3::splat(intensity),
+        cone: None,
+        pattern,
+    };
+    let texel = |i: u32| [1.0 - (i / 8) as f32 / 16.0, 0.5, if i % 8 < 4 { 1.0 } else { 0.1 }];
+    let profile = Pattern {
+        name: String::new(),
+        mapping: Mapping::Sphere,
+        width: 8,
+        height: 17,
+        texels: (0..8 * 17).map(texel).collect(),
+    };
+    let slide = Pattern {
+        name: String::new(),
+        mapping: Mapping::Projection { half_extent: Vec2::new(0.5, 0.3) },
+        width: 4,
+        height: 4,
+        texels: (0..16).map(|i| [1.0, (i % 3) as f32, (i % 2) as f32]).collect(),
+    };
+    scene.patterns = vec![profile, slide];
+    scene.lights = vec![
+        Light::Lamp(lamp(Vec3::new(-0.5, 0.5, 0.2), 0.15, 0.2, None)),
+        Light::Lamp(lamp(Vec3::new(0.6, 0.6, -0.3), 0.0, 0.2, Some(0))),
+        Light::Lamp(lamp(Vec3::new(0.0, 0.8, 0.5), 0.05, 0.3, Some(1))),
+        Light::Sun {
+            direction: Vec3::new(0.2, -0.5, -1.0).normalize(),
+            irradiance: Vec3::new(0.6, 0.5, 0.4),
+            angle: 0.1,
+            of_sky: false,
+        },
+    ];
+    let texel = |i: u32| if i % 37 < 3 { [255, 200, 100, 255] } else { [10, 10, 20, 255] };
+    scene.images.push(Image { name: String::new(), width: 32, height: 32, texels: (0..1024).map(texel).collect() });
+    let texture =
+        Texture { image: scene.images.len() - 1, wrap: [Wrap::Clamp; 2], filter: Filter::Linear, srgb: false };
+    scene.textures.push(texture);
+    for emission in scene.materials.iter_mut().filter_map(|m| m.emission.as_mut()) {
+        emission.radiance.texture = Some(TextureRef::new(scene.textures.len() - 1));
+        emission.radiance.factor *= 3.0;
+    }
     scene
 }

@@ -5,10 +5,11 @@ use glam::{DMat3, DMat4, DVec3, Mat3, Vec2, Vec3};
 use super::Loader;
 use super::sensors;
 use super::spectra::Use;
-use super::textures::{decode_srgb, is_texture};
+use super::textures::is_texture;
 use super::values::Plugin;
 use super::xml::Element;
 use crate::scene::sky::ClearSky;
+use crate::scene::texture::linear_from_srgb;
 use crate::scene::{
     Color, Cone, Emission, Environment, EnvironmentMap, FovAxis, Lamp, Light, LoadError, Mapping, Pattern, Rows,
     SpotFalloff,
@@ -236,7 +237,8 @@ impl<'a> Loader<'a> {
         let image = &self.scene.images[sampler.image];
         let (name, width, height) = (image.name.clone(), image.width, image.height);
         let decode = |texel: &[u8; 4]| {
-            let linear = |v: u8| if sampler.srgb { decode_srgb(f32::from(v) / 255.0) } else { f32::from(v) / 255.0 };
+            let linear =
+                |v: u8| if sampler.srgb { linear_from_srgb(f32::from(v) / 255.0) } else { f32::from(v) / 255.0 };
             (Vec3::new(linear(texel[0]), linear(texel[1]), linear(texel[2])) * factor).to_array()
         };
         let mut texels: Vec<[f32; 3]> = image.texels.iter().map(decode).collect();

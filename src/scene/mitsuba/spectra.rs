@@ -8,10 +8,10 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::textures::decode_srgb;
 use super::values::{number, numbers};
 use super::xml::{Element, resolve};
 use crate::scene::LoadError;
+use crate::scene::texture::linear_from_srgb;
 
 /// What a colour is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +71,7 @@ fn srgb(element: &Element) -> Result<Vec3, LoadError> {
         }
         Some(_) => return Err(element.error(format!("`{text}` is not of the form #rrggbb"))),
     };
-    Ok(Vec3::from_array(encoded.to_array().map(decode_srgb)))
+    Ok(Vec3::from_array(encoded.to_array().map(linear_from_srgb)))
 }
 
 /// One number, a list such as `400:0.3, 500:0.5`, or a file with a wavelength and a value per line.

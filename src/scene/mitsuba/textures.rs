@@ -9,6 +9,7 @@ use super::Loader;
 use super::spectra::Use;
 use super::values::Plugin;
 use super::xml::Element;
+use crate::scene::texture::linear_from_srgb;
 use crate::scene::{Color, EnvironmentMap, Filter, Image, LoadError, Scalar, Texture, TextureRef, Wrap};
 
 /// Textures may be nested this deep in `scale`.
@@ -152,7 +153,7 @@ impl<'a> Loader<'a> {
         let image = &self.scene.images[sampler.image];
         let decode = |texel: &[u8; 4]| {
             let value = f32::from(texel[channel as usize]) / 255.0;
-            scalar.factor * if sampler.srgb && channel < 3 { decode_srgb(value) } else { value }
+            scalar.factor * if sampler.srgb && channel < 3 { linear_from_srgb(value) } else { value }
         };
         Ok(Some(Heights {
             width: image.width,
@@ -251,7 +252,7 @@ impl<'a> Loader<'a> {
         if image.texels.iter().all(|t| t[0] == t[1] && t[1] == t[2]) {
             return texture;
         }
-        let decode = |v: u8| if sampler.srgb { decode_srgb(f32::from(v) / 255.0) } else { f32::from(v) / 255.0 };
+        let decode = |v: u8| if sampler.srgb { linear_from_srgb(f32::from(v) / 255.0) } else { f32::from(v) / 255.0 };
         let encode = |v: f32| if sampler.srgb { encode_srgb(v) } else { (v * 255.0).round() as u8 };
         let grey = |t: &[u8; 4]| {
             let v = encode(luminance([decode(t[0]), decode(t[1]), decode(t[2])]));
@@ -315,9 +316,4 @@ fn encode_srgb(linear: f32) -> u8 {
     let v = linear.clamp(0.0, 1.0);
     let encoded = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
     (encoded * 255.0).round() as u8
-}
-
-/// IEC 61966-2-1.
-pub(super) fn decode_srgb(encoded: f32) -> f32 {
-    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
