@@ -339,6 +339,22 @@ fn the_dark_is_black() {
     }
 }
 
+/// More lights than can be bound are an error that says so.
+#[test]
+fn too_many_lights_are_an_error() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = scenes::cornell("point");
+    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    let most = limit / size_of::<lightsheaf::layouts::LightRecord>() as u64;
+    if most > 4_000_000 {
+        println!("skipped: {most} lights fit");
+        return;
+    }
+    scene.lights = vec![scene.lights[0]; most as usize + 1];
+    let error = PathRenderer::new(gpu, &scene, &settings(Method::Path, 16, 1, 1)).err().unwrap().to_string();
+    assert!(error.contains(&format!("{} lights", most + 1)) && error.contains("limit"), "{error}");
+}
+
 /// Values that are not finite show, and are counted.
 #[test]
 fn a_planted_nan_is_counted() {
