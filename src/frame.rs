@@ -6,7 +6,7 @@
 use std::f32::consts::TAU;
 
 use crate::bundle_directions::BundleDirections;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, GpuError};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe;
 use crate::layouts;
@@ -17,6 +17,7 @@ use crate::passes::depth_maps::DepthMaps;
 use crate::passes::extend::Extend;
 use crate::passes::eye_vertices::EyeVertices;
 use crate::passes::gbuffer::GBuffer;
+use crate::passes::light_gifts::LightGifts;
 use crate::passes::light_point::LightPoint;
 use crate::passes::light_pool::LightPool;
 use crate::passes::light_subpath::LightSubpath;
@@ -164,6 +165,33 @@ impl Frame {
         };
         frame.write_rooms(gpu);
         frame
+    }
+
+    /// What each light would give the picture, in any unit, if nothing stood between.
+    ///
+    /// # Errors
+    /// [`GpuError`] where the device fails.
+    pub fn light_gifts(
+        &self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        camera: &Camera,
+        lights: &LightTable,
+        settings: &Settings,
+    ) -> Result<Vec<f32>, GpuError> {
+        let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags].concat();
+        let pass = LightGifts::new(gpu, &flags, lights.count());
+        let uniform = describe(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0);
+        gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
+        let strategy = gpu.uniform::<layouts::Strategy>("strategy");
+        let alone = layouts::Strategy { allowed: [0.0, 1.0, 0.0, 0.0], s: 1, j: 1, ..Default::default() };
+        gpu.queue.write_buffer(&strategy, 0, bytemuck::bytes_of(&alone));
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        self.gbuffer.record(gpu, &mut encoder, scene, &self.pixels.frame);
+        self.eye_vertices.record(gpu, &mut encoder, scene, &self.pixels, &self.gbuffer.triangles);
+        pass.record(gpu, &mut encoder, scene, &self.pixels, &strategy);
+        gpu.queue.submit([encoder.finish()]);
+        pass.read(gpu)
     }
 
     /// Records and submits one iteration; `batch_index` names it in the log.

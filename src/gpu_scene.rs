@@ -191,6 +191,13 @@ impl GpuScene {
         all
     }
 
+    /// Uploads other probabilities of the same lights.
+    pub fn relight(&self, gpu: &Gpu, lights: &LightTable) {
+        gpu.queue.write_buffer(&self.lighting, 0, bytemuck::bytes_of(&lights.lighting));
+        gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights.records));
+        gpu.queue.write_buffer(&self.light_sums, 0, bytemuck::cast_slice(&lights.sums));
+    }
+
     /// Builds what ray queries need.
     ///
     /// # Errors

@@ -141,6 +141,43 @@ impl LightTable {
         self.sums.len() as u32
     }
 
+    /// The same lights, all chosen alike.
+    #[must_use]
+    pub fn even(mut self) -> Self {
+        let share = 1.0 / self.count().max(1) as f64;
+        self.share_out(&vec![share; self.sums.len()]);
+        self
+    }
+
+    /// Chooses half of the time as before and half of the time by what each light gives somewhere, in any unit.
+    pub fn favour(&mut self, gifts: &[f32]) {
+        let countable = |gift: f32| if gift.is_finite() { f64::from(gift.max(0.0)) } else { 0.0 };
+        let total: f64 = gifts.iter().copied().map(countable).sum();
+        if total > 0.0 {
+            let shares = self.records.iter().zip(gifts);
+            let shares = shares.map(|(r, &gift)| 0.5 * f64::from(r.probability) + 0.5 * countable(gift) / total);
+            self.share_out(&shares.collect::<Vec<_>>());
+        }
+    }
+
+    /// Sets the probabilities: shares of 1.
+    fn share_out(&mut self, shares: &[f64]) {
+        // Sums are whole steps, so that their differences are exact, and who shines has one at least.
+        let count = self.powers.iter().filter(|power| **power > 0.0).count() as f64;
+        let floor = if count < 0.5 * STEPS { 1.0 } else { 0.0 };
+        let (mut sum, mut before) = (0.0_f64, 0.0);
+        for (i, &share) in shares.iter().enumerate() {
+            sum += share * (STEPS - floor * count) + if self.powers[i] > 0.0 { floor } else { 0.0 };
+            let after = ((sum + 1e-3).floor() / STEPS).min(1.0) as f32;
+            self.records[i].probability = after - before;
+            self.sums[i] = after;
+            before = after;
+            if self.records[i].kind == SKY {
+                self.lighting.environment_probability = self.records[i].probability;
+            }
+        }
+    }
+
     /// Chooses a light by a number in [0, 1); none where nothing shines.
     #[must_use]
     pub fn choose(&self, u: f32) -> Option<u32> {
@@ -165,32 +202,28 @@ impl LightTable {
             group.into_iter().map(move |(record, own)| (record, countable(own), countable(own) / power * of_group))
         });
         let (mut lights, infinite): (Vec<_>, Vec<_>) = shares.partition(|(record, ..)| !record.is_infinite());
+        // Neighbours in the table are neighbours in space, so that numbers that are spread evenly choose lights that are. Parts of a
+        // triangle stay together.
+        lights.sort_by_key(|(record, ..)| match record.kind {
+            AREA => place_on_curve(geometry.positions(record.triangle as usize).iter().sum::<Vec3>() / 3.0, geometry),
+            _ => place_on_curve(Vec3::from(record.position), geometry),
+        });
         out.finite = lights.len();
         lights.extend(infinite);
-        // Sums are whole steps, so that their differences are exact, and who shines has one at least.
-        let count = lights.iter().filter(|(_, power, _)| *power > 0.0).count() as f64;
-        let floor = if count < 0.5 * STEPS { 1.0 } else { 0.0 };
-        let mut sum = 0.0_f64;
-        for (mut record, power, share) in lights {
-            sum += share * (STEPS - floor * count) + if power > 0.0 { floor } else { 0.0 };
-            let before = out.sums.last().copied().unwrap_or(0.0);
-            let after = ((sum + 1e-3).floor() / STEPS).min(1.0) as f32;
-            record.probability = after - before;
-            match record.kind {
-                AREA => {
-                    out.emitters.resize(geometry.triangles.len(), [0; 2]);
-                    let emitter = &mut out.emitters[record.triangle as usize];
-                    if emitter[1] == 0 {
-                        *emitter = [out.records.len() as u32, record.falloff];
-                    }
+        let shares: Vec<f64> = lights.iter().map(|(.., share)| *share).collect();
+        for (index, (record, power, _)) in (0..).zip(lights) {
+            if record.kind == AREA {
+                out.emitters.resize(geometry.triangles.len(), [0; 2]);
+                let emitter = &mut out.emitters[record.triangle as usize];
+                if emitter[1] == 0 {
+                    *emitter = [index, record.falloff];
                 }
-                SKY => out.lighting.environment_probability = record.probability,
-                _ => (),
             }
             out.records.push(record);
-            out.sums.push(after);
             out.powers.push(power as f32);
         }
+        out.sums = vec![0.0; out.records.len()];
+        out.share_out(&shares);
         out.lighting.light_count = out.sums.len() as u32;
         if out.records.is_empty() {
             out.records.push(LightRecord::default());
@@ -335,6 +368,15 @@ fn flatten(patterns: &[Pattern]) -> (Vec<[f32; 4]>, Vec<u32>) {
         entries.extend(pattern.texels.iter().copied().map(padded));
     }
     (entries, first)
+}
+
+/// Place on a curve through the scene's box: its coordinates' bits, interleaved (Morton).
+fn place_on_curve(position: Vec3, geometry: &Geometry) -> u32 {
+    let [low, high] = geometry.bounds;
+    let inside = ((position - low) / (high - low).max(Vec3::splat(f32::MIN_POSITIVE))).clamp(Vec3::ZERO, Vec3::ONE);
+    let cells = (inside * 1023.0).as_uvec3();
+    let spread = |v: u32| (0..10).map(|bit| (v >> bit & 1) << (3 * bit)).sum::<u32>();
+    spread(cells.x) | spread(cells.y) << 1 | spread(cells.z) << 2
 }
 
 /// A column as the shaders' matrices have it.

@@ -78,6 +78,8 @@ pub struct FramePlan {
     pub light_vertices: u32,
     /// Light points that direct light is chosen from; the first is the light vertex.
     pub light_pool: u32,
+    /// Whether lights are chosen for what they would give the view, or by power alone.
+    pub lights_for_view: bool,
     /// Whether light subpaths also start from lights that paths from the camera can meet.
     pub starts_from_met: bool,
     /// Whether bundles go where a map says that light comes from, eq. (2): only where nothing else finds it. Measured on
@@ -214,6 +216,7 @@ impl FramePlan {
             light_flags,
             light_vertices,
             light_pool,
+            lights_for_view: light_vertices > 0 && lights > FEW_LIGHTS && settings.light_sampling.is_none(),
             starts_from_met,
             sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,
@@ -397,6 +400,16 @@ impl FramePlan {
             },
         );
         let meets = self.extensions.iter().any(|e| e.meets);
+        pass(
+            "light_gifts",
+            u32::from(self.lights_for_view),
+            if self.lights_for_view {
+                "once, before the first iteration: lights are chosen half by power, half by what they give the view"
+            } else {
+                "lights are few, or chosen as asked for"
+            }
+            .to_owned(),
+        );
         pass(
             "light_pool",
             if self.has_pool() { self.light_pool + 1 } else { 0 },

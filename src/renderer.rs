@@ -10,7 +10,7 @@ use crate::gpu_scene::GpuScene;
 use crate::light_table::{LightTable, Met};
 use crate::plan::FramePlan;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
-use crate::settings::Settings;
+use crate::settings::{LightSampling, Settings};
 use crate::view::Answers;
 
 /// Iterations between looks at the log.
@@ -104,6 +104,8 @@ impl<'gpu> Renderer<'gpu> {
             )));
         }
         let table = LightTable::new(scene, &geometry, if plan.starts_from_met { Met::All } else { Met::Never });
+        let even = settings.light_sampling == Some(LightSampling::Uniform);
+        let mut table = if even { table.even() } else { table };
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -111,6 +113,10 @@ impl<'gpu> Renderer<'gpu> {
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
         let directions = environment.and_then(BundleDirections::new);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
+        if plan.lights_for_view {
+            table.favour(&frame.light_gifts(gpu, &gpu_scene, &camera, &table, settings)?);
+            gpu_scene.relight(gpu, &table);
+        }
         gpu.check()?;
         Ok(Self {
             gpu,

@@ -235,8 +235,9 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
-    /// How a surface chooses its light; ris and restir are options of path [default: tree where more than one light is somewhere, else power]
-    #[arg(long, value_enum, help_heading = RAYS)]
+    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of path [default: power; tree for ray-query and
+    /// path where more than one light is somewhere]
+    #[arg(long, value_enum)]
     pub light_sampling: Option<LightSampling>,
     /// How `--light-sampling restir` weights what it reuses
     #[arg(long, value_enum, default_value_t = Self::default().restir_bias, help_heading = RAYS)]
@@ -399,12 +400,12 @@ impl Settings {
         let default = Self::default();
         let shares = self.method.shares_subpaths();
         let raster = self.method == Method::Raster;
-        let paths = matches!(self.method, Method::RayQuery | Method::Path);
         let judge = self.method == Method::Reference;
         let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
         let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
+        let sampling = self.light_sampling.filter(|l| judge || (shares && l.has_tree()));
         let resampling = self.light_sampling.filter(|l| l.resamples());
         let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
         let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
@@ -416,7 +417,7 @@ impl Settings {
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
-            ("--light-sampling", self.light_sampling.filter(|_| !paths).map(|l| l.to_string()), "ray-query and path"),
+            ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
             ("--restir-bias", bias, "path with --light-sampling restir"),
             ("--restir-memory", memory, "path with --light-sampling restir"),

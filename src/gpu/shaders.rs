@@ -56,6 +56,7 @@ modules!(
     "eye_vertices",
     "gbuffer",
     "light_draws",
+    "light_gifts",
     "light_paths",
     "light_point",
     "light_pool",

@@ -8,6 +8,7 @@ pub mod extend;
 pub mod eye_paths;
 pub mod eye_vertices;
 pub mod gbuffer;
+pub mod light_gifts;
 pub mod light_paths;
 pub mod light_point;
 pub mod light_pool;
