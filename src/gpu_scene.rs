@@ -70,6 +70,14 @@ impl GpuScene {
                 geometry.vertices.len()
             )));
         }
+        let largest = size_of_val(lights.records.as_slice()) as u64;
+        if largest > limit {
+            return Err(GpuError::Device(format!(
+                "the scene has {} lights, which need a binding of {largest} bytes; the adapter's limit is {limit}: use fewer or \
+                 --method reference",
+                lights.count()
+            )));
+        }
         let mut positions: Vec<[f32; 4]> =
             geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
         let mut attributes: Vec<_> = geometry

@@ -49,7 +49,8 @@
 //! tracing with every strategy. [`passes::light_paths`] traces light subpaths and joins them to the camera,
 //! [`passes::eye_paths`] traces eye subpaths and joins them to lights and light subpaths, [`passes::resolve`] adds both to the
 //! film. Surfaces and their reflection are those of raster, mirrors and glass join them (shaders/lib/scatter); the weights of all
-//! strategies come from one running number per subpath (shaders/lib/mis_subpaths).
+//! strategies come from one running number per subpath (shaders/lib/mis_subpaths). Surfaces choose lights down a tree
+//! ([`light_tree`]); [`passes::reservoirs`] resamples them where the camera looks.
 //!
 //! # Glossary
 //!

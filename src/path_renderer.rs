@@ -97,6 +97,7 @@ impl<'gpu> PathRenderer<'gpu> {
             tree_lights: table.finite as u32,
             tree_share: table.finite_share(),
             biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
+            memory: settings.restir_memory,
             ..Default::default()
         };
         let frame = gpu.uniform::<layouts::Frame>("frame");

@@ -242,6 +242,10 @@ pub struct Settings {
     /// How `--light-sampling restir` weights what it reuses
     #[arg(long, value_enum, default_value_t = Self::default().restir_bias, help_heading = RAYS)]
     pub restir_bias: RestirBias,
+    /// Samples of a pixel that what `--light-sampling restir` keeps stands for at most, 0 to 100; 0: no sample looks back further than
+    /// to the one before
+    #[arg(long, value_name = "SAMPLES", default_value_t = Self::default().restir_memory, allow_negative_numbers = true, help_heading = RAYS)]
+    pub restir_memory: f32,
     /// The one strategy that counts, for images per strategy.
     #[arg(skip)]
     pub only: Option<OnlyStrategy>,
@@ -295,6 +299,7 @@ impl Default for Settings {
             beta: None,
             light_sampling: None,
             restir_bias: RestirBias::Unbiased,
+            restir_memory: 0.0,
             only: None,
             bundle_resolution: None,
             light_resolution: None,
@@ -353,6 +358,9 @@ impl Settings {
         if !(0.001..=16.0).contains(&self.list_room) {
             return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
         }
+        if !(0.0..=100.0).contains(&self.restir_memory) {
+            return wrong("--restir-memory", &self.restir_memory, "has to be 0 to 100".to_owned());
+        }
         if !(0.0..=1.0).contains(&paper_clamp) {
             return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
         }
@@ -401,6 +409,7 @@ impl Settings {
         let resampling = self.light_sampling.filter(|l| l.resamples());
         let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
         let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
+        let memory = (self.restir_memory != default.restir_memory && !reuses).then(|| self.restir_memory.to_string());
         let changed = [
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
@@ -411,6 +420,7 @@ impl Settings {
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
             ("--restir-bias", bias, "path with --light-sampling restir"),
+            ("--restir-memory", memory, "path with --light-sampling restir"),
         ];
         let resolutions =
             self.resolutions().map(|(option, r)| (option, r.filter(|_| !raster).map(|r| r.to_string()), "raster"));
@@ -489,7 +499,9 @@ mod tests {
             ("--light-sampling", {
                 Settings { method: Method::RayQuery, light_sampling: Some(LightSampling::Ris), ..base.clone() }
             }),
-            ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base }),
+            ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base.clone() }),
+            ("--restir-memory", Settings { restir_memory: f32::NAN, ..base.clone() }),
+            ("--restir-memory", Settings { method: Method::Path, restir_memory: 4.0, ..base }),
             ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
             ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),

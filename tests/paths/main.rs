@@ -15,7 +15,7 @@ use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive as _, RenderStats};
 use lightsheaf::scene::{Boundary, Light, Scene, builtin};
-use lightsheaf::settings::{Method, OnlyStrategy, Settings};
+use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
 const METHODS: [Method; 2] = [Method::Path, Method::RayQuery];
 
@@ -85,6 +85,58 @@ fn transmission_agrees_with_the_reference() {
 #[test]
 fn textures_masks_and_parallel_rays_agree_with_the_reference() {
     agrees("textured", &scenes::textured(), 32, 2);
+}
+
+/// Halls of many lights, by every way to choose one. `ray-query` has the tree and uniform choice.
+fn halls_agree(lights: u32, side: u32, samples: u32) {
+    use LightSampling::{Power, Restir, Ris, Tree, Uniform};
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    for hall in ["emitter_hall", "point_hall"] {
+        let name = format!("{hall}:{lights}");
+        let scene = builtin::load(&name).unwrap();
+        let expected = references(&scene, &settings(Method::Path, side, 1, 1), 16 * samples);
+        let both = [Tree, Uniform].map(|choice| (Method::RayQuery, choice));
+        let alone = [Tree, Power, Uniform, Ris, Restir].map(|choice| (Method::Path, choice));
+        for (method, choice) in both.into_iter().chain(alone) {
+            // Pictures are independent, though the samples of one with reuse are not.
+            let settings = Settings { light_sampling: Some(choice), ..settings(method, side, samples, 1) };
+            let films = pictures(gpu, &scene, &settings);
+            let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
+            println!("{name}, {method}, {choice}: {pixels:?} {blocks:?}");
+            // By power or evenly, what makes a pixel bright is met too rarely for a spread of its own.
+            assert!(pixels.agrees() || !choice.has_tree(), "{name}, {method}, {choice}: {pixels:?}");
+            assert!(blocks.agrees(), "{name}, {method}, {choice}: {blocks:?}");
+        }
+    }
+}
+
+#[test]
+fn halls_of_lights_agree_with_the_reference() {
+    halls_agree(300, 16, 32);
+}
+
+/// All lights that the halls have.
+#[test]
+#[ignore = "long: 10,000 emitters, and as many point lights"]
+fn halls_of_many_lights_agree_with_the_reference() {
+    halls_agree(10_000, 32, 128);
+}
+
+/// With and without memory, reuse has the mean of the reference; counting all pixels that were asked instead has not.
+#[test]
+fn reuse_is_biased_only_where_asked_to_be() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = builtin::load("emitter_hall:300").unwrap();
+    let settings = Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Path, 24, 64, 0) };
+    let expected = references(&scene, &settings, 2048);
+    for (restir_bias, restir_memory, wanted) in
+        [(RestirBias::Unbiased, 0.0, true), (RestirBias::Unbiased, 8.0, true), (RestirBias::Biased, 8.0, false)]
+    {
+        let films = pictures(gpu, &scene, &Settings { restir_bias, restir_memory, ..settings.clone() });
+        let verdict = compare(&films, &expected, Look::Blocks);
+        println!("{restir_bias}, {restir_memory}: {verdict:?}");
+        assert_eq!(verdict.agrees(), wanted, "{restir_bias}, {restir_memory}: {verdict:?}");
+    }
 }
 
 #[test]
@@ -285,6 +337,22 @@ fn the_dark_is_black() {
             assert!(film.pixels.iter().flatten().all(|&v| v == 0.0), "{method}");
         }
     }
+}
+
+/// More lights than can be bound are an error that says so.
+#[test]
+fn too_many_lights_are_an_error() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let mut scene = scenes::cornell("point");
+    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    let most = limit / size_of::<lightsheaf::layouts::LightRecord>() as u64;
+    if most > 4_000_000 {
+        println!("skipped: {most} lights fit");
+        return;
+    }
+    scene.lights = vec![scene.lights[0]; most as usize + 1];
+    let error = PathRenderer::new(gpu, &scene, &settings(Method::Path, 16, 1, 1)).err().unwrap().to_string();
+    assert!(error.contains(&format!("{} lights", most + 1)) && error.contains("limit"), "{error}");
 }
 
 /// Values that are not finite show, and are counted.
