@@ -10,8 +10,8 @@ use crate::scene::{Environment, EnvironmentMap, Rows};
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 /// Share of the directions that go everywhere alike, for what comes from other surfaces: L_o of eq. (2) as a share of the mean L_e.
 const EVEN: f32 = 0.5;
-/// Most samples along a side of a cell.
-const FINEST: u32 = 16;
+/// Samples along a side of a cell: at least, so that what is interpolated between texels counts where it is, and at most.
+const FINENESS: [u32; 2] = [4, 16];
 
 /// A density over cells of the sphere that are alike in area, the same for opposite directions.
 pub struct BundleDirections {
@@ -33,7 +33,7 @@ impl BundleDirections {
     #[must_use]
     pub fn new(environment: &Environment) -> Option<Self> {
         let map = environment.map.as_ref()?;
-        let finest = (map.width / Self::COLUMNS as u32).clamp(1, FINEST);
+        let finest = (map.width / Self::COLUMNS as u32).clamp(FINENESS[0], FINENESS[1]);
         let environment_from_world = environment.world_from_environment.transpose();
         let sent: Vec<f64> = (0..Self::ROWS * Self::COLUMNS)
             .map(|cell| {
@@ -83,16 +83,24 @@ fn direction(cell: usize, at: Vec2) -> Vec3 {
     Vec3::new(radius * cos, y, radius * sin).normalize()
 }
 
-/// Luminance of the nearest texel in a direction of the map's own space.
+/// Luminance in a direction of the map's own space, bilinear as the shaders have it.
 fn luminance(map: &EnvironmentMap, d: Vec3) -> f32 {
+    let (width, height) = (map.width as i64, map.height as i64);
     let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
     let v = d.y.clamp(-1.0, 1.0).acos() / PI;
-    let row = match map.rows {
-        Rows::Centred => v * map.height as f32,
-        Rows::AtPoles => v * (map.height - 1) as f32 + 0.5,
+    let x = u * map.width as f32 - 0.5;
+    let y = match map.rows {
+        Rows::Centred => v * map.height as f32 - 0.5,
+        Rows::AtPoles => v * (map.height - 1) as f32,
     };
-    let (row, column) = ((row as u32).min(map.height - 1), ((u * map.width as f32) as u32).min(map.width - 1));
-    Vec3::from(map.texels[(row * map.width + column) as usize]).dot(LUMINANCE)
+    let texel = |dx: i64, dy: i64| {
+        let column = (x.floor() as i64 + dx).rem_euclid(width);
+        let row = (y.floor() as i64 + dy).clamp(0, height - 1);
+        Vec3::from(map.texels[(row * width + column) as usize]).dot(LUMINANCE)
+    };
+    let (fx, fy) = (x - x.floor(), y - y.floor());
+    let across = |dy| texel(0, dy) * (1.0 - fx) + texel(1, dy) * fx;
+    across(0) * (1.0 - fy) + across(1) * fy
 }
 
 /// Shares that end at 1.
