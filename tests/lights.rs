@@ -48,7 +48,9 @@ fn mean(film: &Film) -> [f64; 3] {
 
 /// The mean of the picture in every method: within half a percent, and one percent where all pixels share their light samples.
 fn answers(name: &str, scene: &Scene, bounces: u32, expected: Vec3) {
-    METHODS.into_iter().for_each(|method| answer(name, scene, method, 2048, bounces, expected));
+    METHODS.into_iter().for_each(|method| {
+        answer(name, scene, method, if method.shares_subpaths() { 1024 } else { 2048 }, bounces, expected)
+    });
 }
 
 fn answer(name: &str, scene: &Scene, method: Method, samples: u32, bounces: u32, expected: Vec3) {
@@ -95,7 +97,7 @@ fn lamps_with_a_radius() {
     let to = position - x;
     let whole = color * (to.y / to.length().powi(3) / PI);
     let mut scene = at_floor(x);
-    scene.lights = vec![Light::Lamp(lamp(position, 0.8, color))];
+    scene.lights = vec![Light::Lamp(lamp(position, 0.5, color))];
     answers("ball", &scene, 0, whole);
 
     // Within the inner cone from all of the ball.

@@ -3,7 +3,7 @@
 use lightsheaf::gpu::Capabilities;
 use lightsheaf::plan::{Connection, FramePlan};
 use lightsheaf::scene::SceneStats;
-use lightsheaf::settings::{Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, Settings, Strategies, Visibility};
 
 fn capabilities() -> Capabilities {
     Capabilities {
@@ -97,6 +97,7 @@ fn without_light_only_the_camera_looks() {
         ("gbuffer", 1),
         ("eye_vertices", 1),
         ("connect", 0),
+        ("light_gifts", 0),
         ("light_pool", 0),
         ("extend", 0),
         ("accumulate", 1),
@@ -254,6 +255,9 @@ fn many_lights_make_a_pool() {
     }
     assert_eq!((runs(&all, "view_setup"), all.views().len()), (3 + 2 + 15, 3 + 2 + 1));
     assert_eq!(all.pool_view(), Some(5));
+    assert!(all.lights_for_view && runs(&all, "light_gifts") == 1);
+    let power = Settings { light_sampling: Some(LightSampling::Power), ..bounces(2) };
+    assert!(!plan_of(&many, &power).lights_for_view);
     let asked = |light_pool| plan_of(&many, &Settings { light_pool: Some(light_pool), ..bounces(2) });
     assert!(!asked(1).has_pool() && asked(1).bytes < all.bytes && runs(&asked(4), "light_pool") == 5);
     let meets = plan_of(&SceneStats { emissive_triangles: 1000, ..dark() }, &bounces(1));

@@ -547,3 +547,51 @@ fn spots() {
         }
     }
 }
+
+/// Factors of a pattern, by direction, on every kind of table.
+#[test]
+fn patterns() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(12);
+    let scene = scene_of(vec![material(0, 1.0, &mut random)], false, &mut random);
+    let geometry = Geometry::new(&scene);
+    let half_extent = Vec2::new(0.9, 1.3);
+    for (mapping, width, height) in [
+        (Mapping::Sphere, 1, 19),
+        (Mapping::Sphere, 12, 37),
+        (Mapping::Image { half_extent }, 5, 4),
+        (Mapping::Projection { half_extent }, 7, 1),
+    ] {
+        let texels = (0..width * height).map(|_| (random.color() + 0.2).to_array()).collect();
+        // Two of them: the second does not begin where all do.
+        let pattern = Pattern { name: String::new(), mapping, width, height, texels };
+        let patterns = vec![Pattern { width: 2, height: 2, texels: vec![[0.0; 3]; 4], ..pattern.clone() }, pattern];
+        let axis = random.direction();
+        let right = axis.any_orthonormal_vector();
+        let lamp = Lamp {
+            position: Vec3::ZERO,
+            world_from_lamp: Mat3::from_cols(right, right.cross(axis), -axis),
+            radius: 0.0,
+            intensity: random.color() + 0.5,
+            cone: None,
+            pattern: Some(1),
+        };
+        let lit = Scene { lights: vec![Light::Lamp(lamp)], patterns, ..scene.clone() };
+        let reference = ReferenceLights::new(&lit, &geometry, None);
+        let near = if mapping == Mapping::Sphere { 10.0 } else { 1.0 };
+        let directions: Vec<Vec3> =
+            (0..4000).map(|_| (axis + random.direction() * random.unit() * near).normalize()).collect();
+        let questions: Vec<_> =
+            directions.iter().map(|d| Question { wo: d.to_array(), kind: LIGHT, ..Question::default() }).collect();
+        let answers = ask(gpu, &lit, &["PATTERNS"], &questions);
+        let pairs: Vec<_> = answers
+            .iter()
+            .zip(&directions)
+            .map(|(a, &d)| {
+                let sample = reference.sample(Group::Delta, d, Some(-d), Vec2::splat(0.5), &geometry, None);
+                (a.value.truncate(), sample.map_or(Vec3::ZERO, |s| s.weight), format!("{d}"))
+            })
+            .collect();
+        compare(&format!("{mapping:?}"), TOLERANCE, &pairs);
+    }
+}

@@ -29,7 +29,7 @@ pub struct ViewArgs {
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = CAMERA)]
     pub fov: Option<f32>,
     /// An equirectangular image (.hdr, .exr) in place of the scene's environment, or sky:ELEVATION[,TURBIDITY]: a clear sky with
-    /// the sun at that many degrees above +Z's horizon, and turbidity 1 to 10 [default: 3]
+    /// the sun at that many degrees above the horizon of +Z, and turbidity 1 to 10 [default: 3], over a grey ground
     #[arg(long, value_name = "FILE", allow_hyphen_values = true, help_heading = ENVIRONMENT)]
     pub env: Option<String>,
     /// Multiply the environment's radiance, whether it is the scene's own or --env, and a sky's sun with it

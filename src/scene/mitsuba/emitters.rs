@@ -143,6 +143,7 @@ impl<'a> Loader<'a> {
         let sky = ClearSky {
             towards_sun: (world_from_sky.transpose() * towards_sun).as_vec3().normalize(),
             turbidity: float("turbidity", missing.turbidity)?,
+            ground: false,
             albedo: albedo.unwrap_or(if element.legacy { Vec3::splat(0.15) } else { missing.albedo }),
             sky_scale: scale * float("sky_scale", 1.0)?,
             sun_scale: scale * float("sun_scale", 1.0)?,
@@ -216,7 +217,8 @@ impl<'a> Loader<'a> {
         Ok(Light::Lamp(Lamp { position, world_from_lamp, radius: 0.0, intensity, cone: None, pattern }))
     }
 
-    /// A texture as a pattern, and the lamp's rotation; `turn` leads from the lamp's own space to the emitter's.
+    /// A texture as a pattern, and the lamp's rotation; `turn` leads from the lamp's own space to the emitter's. Borders are clamped
+    /// whatever the texture's wrap mode says, so that opposite ones do not bleed into each other.
     fn image_pattern(
         &mut self,
         texture: &'a Element,
