@@ -184,3 +184,36 @@ impl EnvironmentMap {
 
 /// The first bytes of an OpenEXR file.
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sun_goes_with_its_sky() {
+        let sun = |of_sky| Light::Sun { direction: Vec3::NEG_Z, irradiance: Vec3::ONE, angle: 0.1, of_sky };
+        let radiance = Vec3::splat(0.5);
+        let sky = Environment { radiance, map: None, world_from_environment: Mat3::IDENTITY };
+        let scene = Scene { lights: vec![sun(true), sun(false)], environment: Some(sky), ..Scene::default() };
+
+        let mut turned = scene.clone();
+        let quarter = Some(std::f32::consts::FRAC_PI_2);
+        EnvironmentChange { source: None, scale: Some(3.0), rotate: quarter }.apply(&mut turned).unwrap();
+        let Light::Sun { direction, irradiance, .. } = turned.lights[0] else { panic!() };
+        // Counter-clockwise from above: -Z comes to -X.
+        assert!(direction.abs_diff_eq(Vec3::NEG_X, 1e-6) && irradiance == Vec3::splat(3.0), "{direction}");
+        assert_eq!((turned.lights[1], turned.environment.unwrap().radiance), (sun(false), 3.0 * radiance));
+
+        let mut replaced = scene.clone();
+        let change = EnvironmentChange { source: Some("sky:30".to_owned()), ..EnvironmentChange::default() };
+        change.apply(&mut replaced).unwrap();
+        assert_eq!((replaced.lights.len(), replaced.lights[0]), (2, sun(false)));
+        let Light::Sun { direction, of_sky: true, .. } = replaced.lights[1] else { panic!() };
+        assert!(direction.abs_diff_eq(-Vec3::new(0.0, 0.5, 0.75_f32.sqrt()), 1e-6), "{direction}");
+        assert!(replaced.environment.is_some_and(|e| e.map.is_some()));
+
+        let mut same = scene.clone();
+        EnvironmentChange::default().apply(&mut same).unwrap();
+        assert_eq!((same.lights, same.environment), (scene.lights, scene.environment));
+    }
+}
