@@ -39,6 +39,18 @@ fn pictures(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
     (1..=PICTURES).map(|seed| picture(gpu, scene, &Settings { seed, ..settings.clone() }).0).collect()
 }
 
+/// The same by one renderer that begins anew.
+fn series(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
+    let mut renderer = PathRenderer::new(gpu, scene, settings).unwrap();
+    (1..=PICTURES)
+        .map(|seed| {
+            renderer.restart(seed);
+            renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+            renderer.film().unwrap()
+        })
+        .collect()
+}
+
 fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
     let reference = Reference::new(scene);
     let Settings { width, height, bounces, camera, .. } = *settings;
@@ -100,7 +112,7 @@ fn halls_agree(lights: u32, side: u32, samples: u32) {
         for (method, choice) in both.into_iter().chain(alone) {
             // Pictures are independent, though the samples of one with reuse are not.
             let settings = Settings { light_sampling: Some(choice), ..settings(method, side, samples, 1) };
-            let films = pictures(gpu, &scene, &settings);
+            let films = series(gpu, &scene, &settings);
             let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
             println!("{name}, {method}, {choice}: {pixels:?} {blocks:?}");
             // By power or evenly, what makes a pixel bright is met too rarely for a spread of its own.
@@ -132,7 +144,7 @@ fn reuse_is_biased_only_where_asked_to_be() {
     for (restir_bias, restir_memory, wanted) in
         [(RestirBias::Unbiased, 0.0, true), (RestirBias::Unbiased, 8.0, true), (RestirBias::Biased, 8.0, false)]
     {
-        let films = pictures(gpu, &scene, &Settings { restir_bias, restir_memory, ..settings.clone() });
+        let films = series(gpu, &scene, &Settings { restir_bias, restir_memory, ..settings.clone() });
         let verdict = compare(&films, &expected, Look::Blocks);
         println!("{restir_bias}, {restir_memory}: {verdict:?}");
         assert_eq!(verdict.agrees(), wanted, "{restir_bias}, {restir_memory}: {verdict:?}");
