@@ -54,6 +54,8 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         // Bundles follow a map, and nothing else than rays or lists answers; a light's table is asked for light alone.
         && (!has("SKY_BUNDLES") || pass != "extend" || has("ENVIRONMENT_MAP"))
         && !(has("FAST") && has("RAY_QUERY"))
+        // Who chooses asks for no visibility.
+        && !(has("CHOOSE") && (has("FAST") || has("RAY_QUERY")))
         && (!has("RSM") || has("LIGHT") || pass != "connect")
         && !(has("CLAMPED") && has("LIGHT"))
         // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
