@@ -4,10 +4,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use crate::scene::{Environment, EnvironmentMap, Rows};
+use crate::scene::{Environment, EnvironmentMap, LUMINANCE, Rows};
 
-/// Rec. 709 luminance.
-const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 /// Share of the directions that go everywhere alike, for what comes from other surfaces: L_o of eq. (2) as a share of the mean L_e.
 const EVEN: f32 = 0.5;
 /// Samples along a side of a cell: at least, so that what is interpolated between texels counts where it is, and at most.

@@ -1,7 +1,7 @@
 //! The method on one page: what one iteration of raster BDPT does, in order.
 //!
-//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel. Passes take their inputs as arguments; what the
-//! plan skips has no pipeline, no buffer and no call here.
+//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel; among many lights, direct light comes from a pool of
+//! light points beside y0. Passes take their inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
 
 use std::f32::consts::TAU;
 

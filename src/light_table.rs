@@ -9,10 +9,7 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
 use crate::scene::emitter::{Emitter, Part, emitters, part};
-use crate::scene::{EnvironmentMap, Geometry, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
-
-/// Rec. 709 luminance.
-const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+use crate::scene::{EnvironmentMap, Geometry, LUMINANCE, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
 
 // LightRecord.kind of lib/light.wesl.
 const POINT: u32 = 0;

@@ -11,7 +11,7 @@ use crate::view::Answers;
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
 
-/// Up to so many lights one light point an iteration is enough; beyond, direct light is chosen from a pool.
+/// Where light comes from up to so many places, one light point an iteration is enough; beyond, direct light is chosen from a pool.
 const FEW_LIGHTS: usize = 16;
 
 /// Light points of the pool.
@@ -128,13 +128,9 @@ impl FramePlan {
             (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
             _ => MOST_LIGHT_VERTICES.min(bounces + 1),
         };
-        let met = if stats.environment { stats.emissive_triangles + 1 } else { stats.emissive_triangles };
-        let lights = stats.lights + if starts_from_met { met } else { 0 };
-        let light_pool = if light_vertices == 0 {
-            1
-        } else {
-            settings.light_pool.unwrap_or(if lights > FEW_LIGHTS { POOL } else { 1 })
-        };
+        let many_lights = light_vertices > 0 && stats.light_places > FEW_LIGHTS;
+        let light_pool =
+            if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(if many_lights { POOL } else { 1 }) };
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
         let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
@@ -216,7 +212,7 @@ impl FramePlan {
             light_flags,
             light_vertices,
             light_pool,
-            lights_for_view: light_vertices > 0 && lights > FEW_LIGHTS && settings.light_sampling.is_none(),
+            lights_for_view: many_lights && settings.light_sampling.is_none(),
             starts_from_met,
             sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,

@@ -246,7 +246,7 @@ fn light_that_is_met_by_chance() {
 
 #[test]
 fn many_lights_make_a_pool() {
-    let many = SceneStats { lights: 1000, ..dark() };
+    let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
     let all = plan_of(&many, &bounces(2));
     // Direct light comes from sixteen light points, all other paths from the first.
     assert!(all.light_pool == 16 && all.has_pool() && runs(&all, "light_pool") == 17, "{all}");
@@ -260,9 +260,11 @@ fn many_lights_make_a_pool() {
     assert!(!plan_of(&many, &power).lights_for_view);
     let asked = |light_pool| plan_of(&many, &Settings { light_pool: Some(light_pool), ..bounces(2) });
     assert!(!asked(1).has_pool() && asked(1).bytes < all.bytes && runs(&asked(4), "light_pool") == 5);
-    let meets = plan_of(&SceneStats { emissive_triangles: 1000, ..dark() }, &bounces(1));
+    let meets = plan_of(&SceneStats { emissive_triangles: 1000, light_places: 17, ..dark() }, &bounces(1));
     assert_eq!(meets.extensions.iter().map(|e| e.samples[1]).collect::<Vec<_>>(), [16, 1]);
-    assert!(!plan_of(&SceneStats { lights: 3, ..dark() }, &bounces(2)).has_pool());
+    // A lamp of many triangles is none.
+    let lamp = SceneStats { emissive_triangles: 1000, light_places: 4, ..dark() };
+    assert!(!plan_of(&lamp, &bounces(2)).has_pool());
 }
 
 #[test]

@@ -83,7 +83,7 @@ fn strategy_images_add_up_to_the_picture() {
             scene.lights.push(Light::Point { position: Vec3::new(0.2, 1.2, 0.1), intensity: Vec3::splat(0.5) });
         }
         for method in [Method::Raster, Method::Twin] {
-            let base = settings(method, 4);
+            let base = settings(method, 8);
             let whole = raster(gpu, &scene, &base).0;
             let mut sum = vec![[0.0_f64; 3]; whole.pixels.len()];
             let mut shown = Vec::new();

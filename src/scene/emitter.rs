@@ -6,7 +6,7 @@
 use glam::Vec3;
 
 use super::texture::linear_from_srgb;
-use super::{Geometry, Scene, TextureRef, Wrap};
+use super::{Geometry, LUMINANCE, Scene, TextureRef, Wrap};
 
 /// An emissive triangle.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,9 +38,6 @@ const MOST_OF_ALL: usize = 1 << 18;
 const MOST_POINTS: u32 = 16;
 /// Share of a triangle's mean that the darkest part has at least: filters spread light over texels that were not looked up.
 const LEAST: f32 = 0.05;
-
-/// Rec. 709 luminance.
-const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Which part the weights of the second and third corner lie in.
 #[must_use]

@@ -63,6 +63,16 @@ pub enum Light {
 }
 
 impl Light {
+    /// Where it is, metres, world space; nowhere if infinitely far away.
+    #[must_use]
+    pub fn position(&self) -> Option<Vec3> {
+        match self {
+            Self::Point { position, .. } | Self::Spot { position, .. } => Some(*position),
+            Self::Lamp(lamp) => Some(lamp.position),
+            Self::Directional { .. } | Self::Sun { .. } => None,
+        }
+    }
+
     /// Whether nothing comes from it.
     #[must_use]
     pub fn is_black(&self, patterns: &[Pattern]) -> bool {

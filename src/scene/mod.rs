@@ -37,6 +37,9 @@ pub use pattern::{Mapping, Pattern};
 pub use stats::SceneStats;
 pub use texture::{Filter, Image, Texture, TextureRef, Wrap};
 
+/// Luminance of linear Rec. 709.
+pub const LUMINANCE: glam::Vec3 = glam::Vec3::new(0.2126, 0.7152, 0.0722);
+
 /// Everything that a renderer needs to know of a scene file.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {

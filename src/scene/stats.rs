@@ -1,8 +1,10 @@
 //! Facts of a scene that decide which passes it needs.
 
+use std::collections::HashSet;
+
 use glam::Vec3;
 
-use super::{Bsdf, Geometry, Scene};
+use super::{Bsdf, Geometry, Light, Material, Scene};
 
 /// Counts and extremes, taken once.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -17,6 +19,9 @@ pub struct SceneStats {
     pub lights: usize,
     /// Whether any of them has a pattern.
     pub patterns: bool,
+    /// Places that light comes from: cells of a grid of 8 x 8 x 8 over the scene's box that hold any, and each direction from infinitely
+    /// far away. A lamp of many triangles is one place or a few.
+    pub light_places: usize,
     /// Triangles whose material shines.
     pub emissive_triangles: usize,
     /// Whether light comes from infinitely far away.
@@ -52,13 +57,25 @@ impl SceneStats {
                 f64::from((0.5 * (b - a).cross(c - a).length()).sqrt())
             })
             .sum();
+        let shines: Vec<bool> = scene.materials.iter().map(shining).collect();
+        let shining_triangles = (0..geometry.triangles.len()).filter(|&i| shines[geometry.materials[i] as usize]);
+        let middles = shining_triangles.map(|i| geometry.positions(i).iter().sum::<Vec3>() / 3.0);
+        let [low, high] = geometry.bounds;
+        let cell = |p: Vec3| {
+            let inside = (p - low) / (high - low).max(Vec3::splat(f32::MIN_POSITIVE));
+            (inside * 8.0).as_ivec3().clamp(glam::IVec3::ZERO, glam::IVec3::splat(7))
+        };
+        let near = scene.lights.iter().filter_map(Light::position);
+        let cells: HashSet<_> = near.chain(middles).map(cell).collect();
+        let far = scene.lights.iter().filter(|l| l.position().is_none()).count();
         Self {
             triangles: geometry.triangles.len(),
             vertices: geometry.vertices.len(),
             materials: scene.materials.len(),
             lights: scene.lights.len(),
             patterns: !scene.patterns.is_empty(),
-            emissive_triangles: count(&|m| m.emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO)),
+            light_places: cells.len() + far + usize::from(scene.environment.is_some()),
+            emissive_triangles: count(&shining),
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),
@@ -73,4 +90,9 @@ impl SceneStats {
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }
     }
+}
+
+/// Whether a material shines.
+fn shining(material: &Material) -> bool {
+    material.emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO)
 }
