@@ -35,6 +35,7 @@ use crate::view::{ViewBuffers, parallel};
 pub struct Frame {
     plan: FramePlan,
     view_setup: Option<ViewSetup>,
+    map_setup: Option<ViewSetup>,
     view_lists: Option<ViewLists>,
     depth_maps: Option<DepthMaps>,
     light_point: Option<LightPoint>,
@@ -127,15 +128,15 @@ impl Frame {
                 ViewBuffers::new(gpu, records, resolution, faces, room, plan.answers(n))
             })
             .collect();
-        let largest = views.iter().map(ViewBuffers::atlas).fold([1, 1], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
         let pixels = PixelBuffers::new(gpu, size, plan.glossy(), bundle_pdfs);
         // One for each time that a view is filled.
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
-            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu)),
-            view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast, largest)),
+            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu, true, plan.fast)),
+            map_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, false, true)),
+            view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
@@ -309,10 +310,15 @@ impl Frame {
         let view = &self.views[view];
         let (Some(setup), Some(lists)) = (&self.view_setup, &self.view_lists) else { return };
         view.reset(encoder, &self.empty_draw);
-        setup.record(gpu, encoder, scene, view);
-        match (&view.depth_map, &self.depth_maps) {
-            (Some(map), Some(pass)) => pass.record(gpu, encoder, scene, view, map),
-            _ => lists.record(gpu, encoder, view),
+        match (&view.depth_map, &self.map_setup, &self.depth_maps) {
+            (Some(map), Some(setup), Some(pass)) => {
+                setup.record(gpu, encoder, scene, view);
+                pass.record(gpu, encoder, scene, view, map);
+            }
+            _ => {
+                setup.record(gpu, encoder, scene, view);
+                lists.record(gpu, encoder, view);
+            }
         }
         let at = (demand * size_of::<layouts::Demand>()) as u64;
         encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);

@@ -98,7 +98,8 @@ struct World<'a> {
     radius: f32,
     /// To views that have lists, and to those with depth maps.
     queries: [Queries; 2],
-    setup: ViewSetup,
+    /// Of views that have lists, and of those with depth maps.
+    setups: [ViewSetup; 2],
     lists: ViewLists,
     maps: DepthMaps,
     empty_draw: wgpu::Buffer,
@@ -123,8 +124,8 @@ impl<'a> World<'a> {
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],
             maps: DepthMaps::new(gpu, &plan.surface_flags),
-            setup: ViewSetup::new(gpu),
-            lists: ViewLists::new(gpu, fast, [1536, 1024]),
+            setups: [ViewSetup::new(gpu, true, fast), ViewSetup::new(gpu, false, fast)],
+            lists: ViewLists::new(gpu, fast),
             empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             plan,
             reference,
@@ -149,7 +150,7 @@ impl<'a> World<'a> {
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
             view.reset(&mut encoder, &self.empty_draw);
-            self.setup.record(self.gpu, &mut encoder, &self.scene, &view);
+            self.setups[usize::from(view.depth_map.is_some())].record(self.gpu, &mut encoder, &self.scene, &view);
             match &view.depth_map {
                 Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, map),
                 None => self.lists.record(self.gpu, &mut encoder, &view),

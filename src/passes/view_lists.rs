@@ -1,44 +1,34 @@
-//! view_lists: rasterizes a view's draw items into per-texel linked lists.
+//! view_lists: puts triangles of large boxes into a view's per-texel linked lists.
 //!
 //! Reads records and items. Writes lists and node count. Skipped for the light's view while the light stays the same.
 
-use crate::gpu::{Gpu, Raster, RasterTargets};
+use crate::gpu::{Compute, Gpu};
 use crate::view::ViewBuffers;
 
-const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R8Unorm;
+/// Workgroups that share the items: enough for a large device, few enough to cost nothing where there are no items.
+const GROUPS: u32 = 1024;
 
-/// The pass, with the target that gives rasterization its size and receives nothing.
-pub struct ViewLists {
-    raster: Raster,
-    target: wgpu::TextureView,
-    side: [u32; 2],
-}
+/// The pass.
+pub struct ViewLists(Compute);
 
 impl ViewLists {
-    /// Builds the pipeline for views of at most `largest` pixels.
+    /// Builds the pipeline for exact or `fast` visibility.
     #[must_use]
-    pub fn new(gpu: &Gpu, fast: bool, largest: [u32; 2]) -> Self {
+    pub fn new(gpu: &Gpu, fast: bool) -> Self {
         let flags: &[&str] = if fast { &["FAST"] } else { &[] };
-        let side = largest.map(|s| s.max(1));
-        Self {
-            raster: Raster::new(gpu, "view_lists", "view_lists", flags, FORMAT, false, None),
-            target: gpu.target("view_lists", side, FORMAT, wgpu::TextureUsages::empty()),
-            side,
-        }
+        Self(Compute::new(gpu, "view_lists", "view_lists", flags))
     }
 
     /// Records the pass for one view.
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, view: &ViewBuffers) {
-        let atlas = view.atlas();
-        debug_assert!(atlas[0] <= self.side[0] && atlas[1] <= self.side[1], "the target was made for smaller views");
-        let targets = RasterTargets { color: &self.target, clear: wgpu::Color::BLACK, depth: None };
         let bindings = [
             ("view", view.view.as_entire_binding()),
             ("records", view.records.as_entire_binding()),
             ("items", view.items.as_entire_binding()),
+            ("draw", view.draw.as_entire_binding()),
             ("lists", view.lists.as_entire_binding()),
             ("node_count", view.node_count.as_entire_binding()),
         ];
-        self.raster.record(gpu, encoder, &targets, atlas, &bindings, |pass| pass.draw_indirect(&view.draw, 0));
+        self.0.record(gpu, encoder, [64 * GROUPS, 1], &bindings);
     }
 }

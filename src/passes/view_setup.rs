@@ -1,20 +1,25 @@
-//! view_setup: every triangle's record in a view, and which texels of which face it may touch.
+//! view_setup: every triangle's record in a view, the lists of what touches few texels, and draw items of the rest.
 //!
-//! Reads the geometry and the view. Writes its records, draw items and vertex count. Skipped for the light's view while the
+//! Reads the geometry and the view. Writes its records, lists, draw items and vertex count. Skipped for the light's view while the
 //! light stays the same.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
 use crate::view::ViewBuffers;
 
-/// The pass.
+/// The pass, for views with lists or for those with depth maps.
 pub struct ViewSetup(Compute);
 
 impl ViewSetup {
-    /// Builds the pipeline.
+    /// Builds the pipeline for views that have `lists`, of `fast` or exact visibility, or only draw items.
     #[must_use]
-    pub fn new(gpu: &Gpu) -> Self {
-        Self(Compute::new(gpu, "view_setup", "view_setup", &[]))
+    pub fn new(gpu: &Gpu, lists: bool, fast: bool) -> Self {
+        let flags: &[&str] = match (lists, fast) {
+            (false, _) => &[],
+            (true, false) => &["LISTS"],
+            (true, true) => &["LISTS", "FAST"],
+        };
+        Self(Compute::new(gpu, "view_setup", "view_setup", flags))
     }
 
     /// Records the pass for one view.
@@ -28,6 +33,8 @@ impl ViewSetup {
             ("records", view.records.as_entire_binding()),
             ("draw", view.draw.as_entire_binding()),
             ("items", view.items.as_entire_binding()),
+            ("lists", view.lists.as_entire_binding()),
+            ("node_count", view.node_count.as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, threads, &bindings);
     }
