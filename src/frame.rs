@@ -29,13 +29,13 @@ use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
 use crate::settings::Settings;
-use crate::view::{ViewBuffers, parallel};
+use crate::view::{ViewBuffers, ViewScratch, parallel};
 
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
     plan: FramePlan,
     view_setup: Option<ViewSetup>,
-    map_setup: Option<ViewSetup>,
+    drawn_setup: Option<ViewSetup>,
     view_lists: Option<ViewLists>,
     depth_maps: Option<DepthMaps>,
     light_point: Option<LightPoint>,
@@ -56,7 +56,7 @@ pub struct Frame {
     /// The light without extent that `views[0]` was made for.
     light_in_view: Option<u32>,
     pixels: PixelBuffers,
-    empty_draw: wgpu::Buffer,
+    scratch: ViewScratch,
     light_vertices: wgpu::Buffer,
     demands: wgpu::Buffer,
     /// Sum and compensation per pixel.
@@ -123,7 +123,7 @@ impl Frame {
             .iter()
             .enumerate()
             .map(|(n, &(resolution, faces))| {
-                let room = plan.room(u64::from(scene.triangles), resolution, faces, limit);
+                let room = plan.node_room(u64::from(scene.triangles), resolution, faces, limit);
                 let records = if plan.rays { 0 } else { scene.triangles };
                 ViewBuffers::new(gpu, records, resolution, faces, room, plan.answers(n))
             })
@@ -134,8 +134,8 @@ impl Frame {
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
         let frame = Self {
-            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu, true, plan.fast)),
-            map_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, false, true)),
+            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu, false, plan.fast)),
+            drawn_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, true, true)),
             view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
@@ -156,7 +156,7 @@ impl Frame {
             directions,
             light_in_view: None,
             pixels,
-            empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
+            scratch: ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit)),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
             film: gpu.storage("film", u64::from(size[0]) * u64::from(size[1]) * 32),
             log: gpu.storage("log", 8 + 8 * fills as u64),
@@ -309,20 +309,20 @@ impl Frame {
     fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize, demand: usize) {
         let view = &self.views[view];
         let (Some(setup), Some(lists)) = (&self.view_setup, &self.view_lists) else { return };
-        view.reset(encoder, &self.empty_draw);
-        match (&view.depth_map, &self.map_setup, &self.depth_maps) {
+        let scratch = &self.scratch;
+        view.reset(encoder, scratch);
+        match (&view.depth_map, &self.drawn_setup, &self.depth_maps) {
             (Some(map), Some(setup), Some(pass)) => {
-                setup.record(gpu, encoder, scene, view);
-                pass.record(gpu, encoder, scene, view, map);
+                setup.record(gpu, encoder, scene, view, scratch);
+                pass.record(gpu, encoder, scene, view, scratch, map);
             }
             _ => {
-                setup.record(gpu, encoder, scene, view);
-                lists.record(gpu, encoder, view);
+                setup.record(gpu, encoder, scene, view, scratch);
+                lists.record(gpu, encoder, view, scratch);
             }
         }
         let at = (demand * size_of::<layouts::Demand>()) as u64;
-        encoder.copy_buffer_to_buffer(&view.draw, 0, &self.demands, at, 4);
-        encoder.copy_buffer_to_buffer(&view.node_count, 0, &self.demands, at + 4, 4);
+        encoder.copy_buffer_to_buffer(&scratch.tally, 0, &self.demands, at, 4 * ViewScratch::WANTED);
     }
 
     /// Times that views are filled in an iteration, at least 1: demands that the log holds.
@@ -347,10 +347,12 @@ impl Frame {
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
-            if items > view.item_room || nodes > view.node_room {
-                let more = |wanted: u64, room: u64| if wanted > room { wanted + wanted / 2 } else { room };
-                let room = [more(items, view.item_room), more(nodes, view.node_room)];
-                let answers = self.plan.answers(n);
+            if items > self.scratch.item_room {
+                self.scratch = ViewScratch::new(gpu, items + items / 2);
+                self.light_in_view = None;
+            }
+            if nodes > view.node_room {
+                let (room, answers) = (nodes + nodes / 2, self.plan.answers(n));
                 *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, answers);
                 self.light_in_view = None;
             }
@@ -363,7 +365,7 @@ impl Frame {
     pub fn bytes(&self) -> u64 {
         let pixels = u64::from(self.pixels.size[0]) * u64::from(self.pixels.size[1]);
         let buffers = self.pixels.bytes() + self.film.size();
-        buffers + pixels * 8 + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
+        buffers + pixels * 8 + self.scratch.bytes() + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
     }
 
     /// Largest number of nodes that any view has room for.
@@ -377,7 +379,7 @@ impl Frame {
         let rooms: Vec<_> = (0..self.fills())
             .filter_map(|n| self.views.get(n).or(self.views.last()))
             .map(|v| layouts::Demand {
-                item_room: v.item_room as u32,
+                item_room: self.scratch.item_room as u32,
                 node_room: v.node_room as u32,
                 ..Default::default()
             })

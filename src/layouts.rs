@@ -125,7 +125,7 @@ layouts! {
 
     /// What a view wanted and what it had.
     struct Demand in "accumulate" {
-        vertices: u32,
+        items: u32,
         nodes: u32,
         item_room: u32,
         node_room: u32,

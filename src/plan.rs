@@ -258,16 +258,21 @@ impl FramePlan {
         self.has_pool().then(|| self.light_vertices as usize + self.extensions.len())
     }
 
-    /// Draw items and nodes that a view starts with room for; both grow where a frame needs more.
+    /// Items that views start with room for; it grows where a frame needs more.
     #[must_use]
-    pub fn room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> [u64; 2] {
+    pub fn item_room(&self, triangles: u64, limit: u64) -> u64 {
+        if self.rays { 0 } else { (triangles * 2 + 1024).min(limit / 16) }
+    }
+
+    /// Nodes that a view starts with room for; it grows likewise.
+    #[must_use]
+    pub fn node_room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> u64 {
         if self.rays {
-            return [0, 0];
+            return 0;
         }
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
         let guess = ((texels * 3 + triangles * 4) as f64 * f64::from(self.list_room)) as u64;
-        let nodes = guess.max(1).min((limit / 4 - texels) / self.node_words());
-        [(triangles * 2 + 1024).min(limit / 16), nodes]
+        guess.max(1).min((limit / 4 - texels) / self.node_words())
     }
 
     /// 32-bit words of a node.
@@ -311,17 +316,17 @@ impl FramePlan {
             .iter()
             .enumerate()
             .map(|(n, &(resolution, faces))| {
-                let [items, nodes] = self.room(triangles, resolution, faces, capabilities.max_binding_bytes);
+                let nodes = self.node_room(triangles, resolution, faces, capabilities.max_binding_bytes);
                 let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
                 let answers = match self.answers(n) {
                     Answers::Lists { node_words } => 4 * (texels + nodes * node_words),
                     Answers::DepthMap => 8 * texels,
                     Answers::Rays => return 0,
                 };
-                triangles * 48 + items * 16 + answers
+                triangles * 48 + answers
             })
             .sum();
-        pixels * per_pixel + views
+        pixels * per_pixel + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
     }
 
     fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {

@@ -44,6 +44,41 @@ impl DepthMap {
     }
 }
 
+/// What a view leaves behind only while it is filled, shared by all.
+pub struct ViewScratch {
+    /// Items that fit.
+    pub item_room: u64,
+    /// What triangles may touch (shaders/lib/items.wesl).
+    pub items: wgpu::Buffer,
+    /// How many items and nodes there are; and the indirect draw of the items.
+    pub tally: wgpu::Buffer,
+    empty: wgpu::Buffer,
+}
+
+impl ViewScratch {
+    /// Where the indirect draw is in the tally.
+    pub const DRAW: u64 = 8;
+    /// Words of the tally that say what was wanted: items and nodes.
+    pub const WANTED: u64 = 2;
+
+    /// Allocates room for so many items.
+    #[must_use]
+    pub fn new(gpu: &Gpu, item_room: u64) -> Self {
+        Self {
+            item_room,
+            items: gpu.storage("items", item_room * 16),
+            tally: gpu.storage("tally", 32),
+            empty: gpu.upload("empty tally", &[0_u32, 0, 0, 1, 0, 0, 0, 0]),
+        }
+    }
+
+    /// Bytes of all buffers.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.items.size() + self.tally.size()
+    }
+}
+
 /// Buffers of one view. The passes fill them; [`ViewBuffers::reset`] empties them.
 pub struct ViewBuffers {
     /// Texels along a side of a face.
@@ -52,22 +87,14 @@ pub struct ViewBuffers {
     pub faces: u32,
     /// Faces of what it looks at now.
     looks_at: Cell<u32>,
-    /// Draw items that fit.
-    pub item_room: u64,
     /// Nodes that fit.
     pub node_room: u64,
     /// Where it looks: a `View`.
     pub view: wgpu::Buffer,
     /// Three vectors per triangle.
     pub records: wgpu::Buffer,
-    /// Indirect draw arguments.
-    pub draw: wgpu::Buffer,
-    /// What to draw.
-    pub items: wgpu::Buffer,
     /// Heads, then nodes; nothing where there is a depth map.
     pub lists: wgpu::Buffer,
-    /// Nodes that were asked for.
-    pub node_count: wgpu::Buffer,
     /// Instead of lists.
     pub depth_map: Option<DepthMap>,
 }
@@ -75,14 +102,7 @@ pub struct ViewBuffers {
 impl ViewBuffers {
     /// Allocates a view with the given room.
     #[must_use]
-    pub fn new(
-        gpu: &Gpu,
-        triangles: u32,
-        resolution: u32,
-        faces: u32,
-        [item_room, node_room]: [u64; 2],
-        answers: Answers,
-    ) -> Self {
+    pub fn new(gpu: &Gpu, triangles: u32, resolution: u32, faces: u32, node_room: u64, answers: Answers) -> Self {
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
         let (list_words, depth_map) = match answers {
             Answers::Lists { node_words } => (texels + node_words * node_room, None),
@@ -93,14 +113,10 @@ impl ViewBuffers {
             resolution,
             faces,
             looks_at: Cell::new(faces),
-            item_room,
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
             records: gpu.storage("records", u64::from(triangles) * 48),
-            draw: gpu.storage("draw", 16),
-            items: gpu.storage("items", item_room * 16),
             lists: gpu.storage("lists", 4 * list_words),
-            node_count: gpu.storage("node_count", 16),
             depth_map,
         };
         out.look(gpu, &layouts::View { kind: layouts::View::EMPTY, exclude: u32::MAX, ..Default::default() });
@@ -131,22 +147,18 @@ impl ViewBuffers {
         atlas(self.resolution, self.looks_at.get())
     }
 
-    /// Records that the lists and the draw start empty.
-    pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, empty_draw: &wgpu::Buffer) {
+    /// Records that the lists and the tally start empty.
+    pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, scratch: &ViewScratch) {
         if self.depth_map.is_none() {
             encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels()));
         }
-        encoder.clear_buffer(&self.node_count, 0, None);
-        encoder.copy_buffer_to_buffer(empty_draw, 0, &self.draw, 0, 16);
+        encoder.copy_buffer_to_buffer(&scratch.empty, 0, &scratch.tally, 0, 32);
     }
 
     /// Bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        [&self.view, &self.records, &self.draw, &self.items, &self.lists, &self.node_count]
-            .iter()
-            .map(|b| b.size())
-            .sum::<u64>()
+        [&self.view, &self.records, &self.lists].iter().map(|b| b.size()).sum::<u64>()
             + if self.depth_map.is_some() { 8 * self.texels() } else { 0 }
     }
 

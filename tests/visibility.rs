@@ -30,7 +30,7 @@ use lightsheaf::scene::{
     Wrap,
 };
 use lightsheaf::settings::{Settings, Visibility};
-use lightsheaf::view::{Answers, ViewBuffers, parallel};
+use lightsheaf::view::{Answers, ViewBuffers, ViewScratch, parallel};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
 /// Share of answers that may differ in exact mode.
@@ -102,7 +102,6 @@ struct World<'a> {
     setups: [ViewSetup; 2],
     lists: ViewLists,
     maps: DepthMaps,
-    empty_draw: wgpu::Buffer,
 }
 
 impl<'a> World<'a> {
@@ -124,9 +123,8 @@ impl<'a> World<'a> {
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],
             maps: DepthMaps::new(gpu, &plan.surface_flags),
-            setups: [ViewSetup::new(gpu, true, fast), ViewSetup::new(gpu, false, fast)],
+            setups: [ViewSetup::new(gpu, false, fast), ViewSetup::new(gpu, true, fast)],
             lists: ViewLists::new(gpu, fast),
-            empty_draw: gpu.upload("empty draw", &[0_u32, 1, 0, 0]),
             plan,
             reference,
         }
@@ -136,11 +134,13 @@ impl<'a> World<'a> {
         self.reference.geometry()
     }
 
-    /// The lists of a view, with all the room that they want.
-    fn fill(&self, look: &layouts::View, resolution: u32) -> ViewBuffers {
+    /// The lists of a view, with all the room that they want, and how many nodes they have.
+    fn fill(&self, look: &layouts::View, resolution: u32) -> (ViewBuffers, u32) {
         let faces = if look.kind == layouts::View::PARALLEL { 1 } else { 6 };
         let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
-        let mut room = self.plan.room(u64::from(self.scene.triangles), resolution, faces, limit);
+        let triangles = u64::from(self.scene.triangles);
+        let mut scratch = ViewScratch::new(self.gpu, self.plan.item_room(triangles, limit));
+        let mut room = self.plan.node_room(triangles, resolution, faces, limit);
         loop {
             let answers = match faces {
                 6 if self.plan.fast => Answers::DepthMap,
@@ -149,19 +149,26 @@ impl<'a> World<'a> {
             let view = ViewBuffers::new(self.gpu, self.scene.triangles, resolution, faces, room, answers);
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-            view.reset(&mut encoder, &self.empty_draw);
-            self.setups[usize::from(view.depth_map.is_some())].record(self.gpu, &mut encoder, &self.scene, &view);
+            view.reset(&mut encoder, &scratch);
+            self.setups[usize::from(view.depth_map.is_some())].record(
+                self.gpu,
+                &mut encoder,
+                &self.scene,
+                &view,
+                &scratch,
+            );
             match &view.depth_map {
-                Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, map),
-                None => self.lists.record(self.gpu, &mut encoder, &view),
+                Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, &scratch, map),
+                None => self.lists.record(self.gpu, &mut encoder, &view, &scratch),
             }
             self.gpu.queue.submit([encoder.finish()]);
-            let items = u64::from(read_back::<u32>(self.gpu, &view.draw, 1).unwrap()[0] / 6);
-            let nodes = u64::from(read_back::<u32>(self.gpu, &view.node_count, 1).unwrap()[0]);
-            if items <= view.item_room && nodes <= view.node_room {
-                return view;
+            let tally: Vec<u32> = read_back(self.gpu, &scratch.tally, ViewScratch::WANTED as usize).unwrap();
+            let [items, nodes] = [tally[0], tally[1]].map(u64::from);
+            if items <= scratch.item_room && nodes <= view.node_room {
+                return (view, tally[1]);
             }
-            room = [room[0].max(items), room[1].max(nodes)];
+            scratch = ViewScratch::new(self.gpu, items.max(scratch.item_room));
+            room = room.max(nodes);
         }
     }
 
@@ -394,7 +401,7 @@ fn bundles(world: &World, count: usize, views: usize, random: &mut Random) -> Ta
         let turn = random.unit() * std::f32::consts::TAU;
         let resolution = world.plan.bundle_resolution;
         let shift = Some(random.pair()).filter(|_| world.plan.fast);
-        let view = world.fill(&parallel(forward, world.scene.bounds, turn, shift, resolution), resolution);
+        let (view, _) = world.fill(&parallel(forward, world.scene.bounds, turn, shift, resolution), resolution);
         let asked: Vec<(Point, bool)> =
             (0..count / views).map(|_| (points.draw(random), random.bits() & 1 == 1)).collect();
         let questions: Vec<_> = asked.iter().map(|(p, against)| query(p.position, p.triangle, *against)).collect();
@@ -442,7 +449,7 @@ fn edges(world: &World, count: usize, views: usize, random: &mut Random) -> [Tal
     for (look, own) in origins(world, views, random) {
         let (origin, normal) = (Vec3::from(look.origin), Vec3::from(look.normal));
         let resolution = if own == NONE { world.plan.light_resolution } else { world.plan.vpl_resolution };
-        let view = world.fill(&look, resolution);
+        let (view, _) = world.fill(&look, resolution);
         // Only what lies in front of a surface is asked about, and never a triangle about itself.
         let in_front = |d: Vec3| own == NONE || normal.dot(d) > 0.0;
 
@@ -760,15 +767,16 @@ fn exact_answers_do_not_depend_on_the_resolution() {
     let mut answers = Vec::new();
     let mut nodes = Vec::new();
     for resolution in [64, 128, 256, 512] {
-        let bundle = world.fill(&parallel(forward, world.scene.bounds, 0.4, None, resolution), resolution);
-        let around = world
+        let (bundle, along_bundle) =
+            world.fill(&parallel(forward, world.scene.bounds, 0.4, None, resolution), resolution);
+        let (around, around_point) = world
             .fill(&layouts::View { exclude: from.triangle, ..perspective(from.position, world.radius) }, resolution);
         let along =
             asked.iter().enumerate().map(|(i, p)| query(p.position, p.triangle, i % 2 == 0)).collect::<Vec<_>>();
         let edges = asked.iter().map(|p| query(p.position, p.triangle, false)).collect::<Vec<_>>();
         let nearest = asked.iter().map(|p| query(p.position, p.triangle, true)).collect::<Vec<_>>();
         answers.push([world.ask(&bundle, &along), world.ask(&around, &edges), world.ask(&around, &nearest)]);
-        nodes.push([&bundle, &around].map(|v| read_back::<u32>(gpu, &v.node_count, 1).unwrap()[0]));
+        nodes.push([along_bundle, around_point]);
     }
     assert!(nodes.windows(2).all(|w| w[0][0] < w[1][0] && w[0][1] < w[1][1]), "the grids are the same: {nodes:?}");
     for (kind, what) in ["nearest along a bundle", "edges", "nearest from a point"].iter().enumerate() {
@@ -796,7 +804,7 @@ fn wrong_answers_are_found() {
     let points = Points::new(world.geometry());
     let mut random = Random(3);
     let forward = Vec3::new(0.2, 0.9, -0.4).normalize();
-    let view = world.fill(&parallel(forward, world.scene.bounds, 0.0, None, 128), 128);
+    let (view, _) = world.fill(&parallel(forward, world.scene.bounds, 0.0, None, 128), 128);
     let asked: Vec<Point> = (0..20_000).map(|_| points.draw(&mut random)).collect();
     let answers = world.ask(&view, &asked.iter().map(|p| query(p.position, p.triangle, false)).collect::<Vec<_>>());
     let differ = |direction: Vec3, answers: &[[u32; 2]]| {

@@ -4,7 +4,7 @@
 
 use crate::gpu::{Gpu, Raster, RasterTargets};
 use crate::gpu_scene::GpuScene;
-use crate::view::{DepthMap, ViewBuffers};
+use crate::view::{DepthMap, ViewBuffers, ViewScratch};
 
 /// The pass.
 pub struct DepthMaps(Raster);
@@ -24,6 +24,7 @@ impl DepthMaps {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         view: &ViewBuffers,
+        scratch: &ViewScratch,
         map: &DepthMap,
     ) {
         let none = f64::from(u32::MAX);
@@ -35,8 +36,10 @@ impl DepthMaps {
         let bindings = scene.with(&[
             ("view", view.view.as_entire_binding()),
             ("records", view.records.as_entire_binding()),
-            ("items", view.items.as_entire_binding()),
+            ("items", scratch.items.as_entire_binding()),
         ]);
-        self.0.record(gpu, encoder, &targets, view.atlas(), &bindings, |pass| pass.draw_indirect(&view.draw, 0));
+        self.0.record(gpu, encoder, &targets, view.atlas(), &bindings, |pass| {
+            pass.draw_indirect(&scratch.tally, ViewScratch::DRAW)
+        });
     }
 }

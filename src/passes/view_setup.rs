@@ -1,29 +1,36 @@
-//! view_setup: every triangle's record in a view, the lists of what touches few texels, and draw items of the rest.
+//! view_setup: every triangle's record in a view, the lists of what touches few texels, and items of the rest.
 //!
-//! Reads the geometry and the view. Writes its records, lists, draw items and vertex count. Skipped for the light's view while the
-//! light stays the same.
+//! Reads the geometry and the view. Writes its records, lists, items and tally. Skipped for the light's view while the light stays
+//! the same.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::view::ViewBuffers;
+use crate::view::{ViewBuffers, ViewScratch};
 
-/// The pass, for views with lists or for those with depth maps.
+/// The pass.
 pub struct ViewSetup(Compute);
 
 impl ViewSetup {
-    /// Builds the pipeline for views that have `lists`, of `fast` or exact visibility, or only draw items.
+    /// Builds the pipeline for views whose items are `drawn` (depth maps), or listed, for exact or `fast` visibility.
     #[must_use]
-    pub fn new(gpu: &Gpu, lists: bool, fast: bool) -> Self {
-        let flags: &[&str] = match (lists, fast) {
-            (false, _) => &[],
-            (true, false) => &["LISTS"],
-            (true, true) => &["LISTS", "FAST"],
+    pub fn new(gpu: &Gpu, drawn: bool, fast: bool) -> Self {
+        let flags: &[&str] = match (drawn, fast) {
+            (true, _) => &["DRAWN"],
+            (false, true) => &["FAST"],
+            (false, false) => &[],
         };
         Self(Compute::new(gpu, "view_setup", "view_setup", flags))
     }
 
     /// Records the pass for one view.
-    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: &ViewBuffers) {
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        view: &ViewBuffers,
+        scratch: &ViewScratch,
+    ) {
         // Rows of 2^15 workgroups: one dimension alone ends at 65535.
         let groups = scene.triangles.div_ceil(64);
         let columns = groups.min(1 << 15);
@@ -31,10 +38,9 @@ impl ViewSetup {
         let bindings = scene.with(&[
             ("view", view.view.as_entire_binding()),
             ("records", view.records.as_entire_binding()),
-            ("draw", view.draw.as_entire_binding()),
-            ("items", view.items.as_entire_binding()),
+            ("items", scratch.items.as_entire_binding()),
+            ("tally", scratch.tally.as_entire_binding()),
             ("lists", view.lists.as_entire_binding()),
-            ("node_count", view.node_count.as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, threads, &bindings);
     }
