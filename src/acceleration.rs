@@ -48,16 +48,12 @@ impl Acceleration {
             .collect();
         let flags = wgpu::AccelerationStructureFlags::PREFER_FAST_TRACE;
         let update_mode = wgpu::AccelerationStructureUpdateMode::Build;
-        let blas = gpu.device.create_blas(
+        let blas = gpu.blas(
             &wgpu::CreateBlasDescriptor { label: Some("scene"), flags, update_mode },
             wgpu::BlasGeometrySizeDescriptors::Triangles { descriptors: sizes.clone() },
         );
-        let mut tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
-            label: Some("scene"),
-            max_instances: 1,
-            flags,
-            update_mode,
-        });
+        let mut tlas =
+            gpu.tlas(&wgpu::CreateTlasDescriptor { label: Some("scene"), max_instances: 1, flags, update_mode });
         let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         tlas[0] = Some(wgpu::TlasInstance::new(&blas, identity, 0, 0xff));
 

@@ -226,7 +226,7 @@ fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
 }
 
 fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, layers]: [u32; 3]) -> wgpu::Texture {
-    gpu.device.create_texture(&wgpu::TextureDescriptor {
+    gpu.texture(&wgpu::TextureDescriptor {
         label: Some(label),
         size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
         mip_level_count: 1,

@@ -180,6 +180,31 @@ fn shaders_keep_the_rules() {
     assert!(broken.is_empty(), "{broken:#?}");
 }
 
+/// What is asked of wgpu is counted in `gpu`'s ledger, so nobody else asks.
+#[test]
+fn only_gpu_asks_wgpu_for_things() {
+    let asks = [
+        "create_buffer(",
+        "create_texture(",
+        "create_blas(",
+        "create_tlas(",
+        "create_compute_pipeline(",
+        "create_render_pipeline(",
+        "begin_compute_pass(",
+        "begin_render_pass(",
+    ];
+    let found = |inside: bool| {
+        let files = files("src", "rs").into_iter().filter(move |(file, _)| file.starts_with("gpu/") == inside);
+        files.flat_map(|(file, source)| {
+            let asked: Vec<_> = asks.iter().filter(|ask| code(&source).contains(&format!(".{ask}"))).collect();
+            asked.into_iter().map(|ask| format!("{file} calls {ask}")).collect::<Vec<_>>()
+        })
+    };
+    assert!(found(true).count() >= asks.len(), "the ledger's own calls are found");
+    let others: Vec<_> = found(false).collect();
+    assert!(others.is_empty(), "{others:#?}: use the functions of Gpu, Compute and Raster");
+}
+
 #[test]
 fn planted_imports_are_found() {
     let paths = |module: &[&str], source: &str| -> Vec<String> {

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use super::Timings;
+use super::{Ledger, Timings};
 
 /// Why no device could be had, or what it said.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -80,6 +80,8 @@ pub struct Gpu {
     pub capabilities: Capabilities,
     /// Time per pass.
     pub timings: Timings,
+    /// What the device was asked for.
+    pub ledger: Ledger,
     first_error: Arc<Mutex<Option<String>>>,
 }
 
@@ -142,7 +144,8 @@ impl Gpu {
             }
         }));
         let timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
-        let timings = Timings::new(&device, &queue, timestamps);
+        let ledger = Ledger::default();
+        let timings = Timings::new(&device, &queue, &ledger, timestamps);
         Ok(Self {
             capabilities: Capabilities {
                 adapter: name,
@@ -157,6 +160,7 @@ impl Gpu {
             device,
             queue,
             timings,
+            ledger,
             first_error,
         })
     }
@@ -172,10 +176,40 @@ impl Gpu {
         }
     }
 
+    /// A buffer, entered in the ledger.
+    #[must_use]
+    pub fn buffer(&self, descriptor: &wgpu::BufferDescriptor) -> wgpu::Buffer {
+        self.ledger.buffer(&self.device, descriptor)
+    }
+
+    /// A texture, entered in the ledger.
+    #[must_use]
+    pub fn texture(&self, descriptor: &wgpu::TextureDescriptor) -> wgpu::Texture {
+        self.ledger.texture(&self.device, descriptor)
+    }
+
+    /// The lower level of an acceleration structure, entered in the ledger. The device must have ray queries.
+    #[must_use]
+    pub fn blas(
+        &self,
+        descriptor: &wgpu::CreateBlasDescriptor,
+        sizes: wgpu::BlasGeometrySizeDescriptors,
+    ) -> wgpu::Blas {
+        self.ledger.acceleration_structure(descriptor.label);
+        self.device.create_blas(descriptor, sizes)
+    }
+
+    /// The upper level of an acceleration structure, entered in the ledger. The device must have ray queries.
+    #[must_use]
+    pub fn tlas(&self, descriptor: &wgpu::CreateTlasDescriptor) -> wgpu::Tlas {
+        self.ledger.acceleration_structure(descriptor.label);
+        self.device.create_tlas(descriptor)
+    }
+
     /// A buffer that shaders read and write, zeroed; at least 16 bytes.
     #[must_use]
     pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
-        self.device.create_buffer(&wgpu::BufferDescriptor {
+        self.buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: bytes.next_multiple_of(16).max(16),
             usage: wgpu::BufferUsages::STORAGE
@@ -204,7 +238,7 @@ impl Gpu {
         more: wgpu::BufferUsages,
     ) -> wgpu::Buffer {
         let bytes: &[u8] = bytemuck::cast_slice(data);
-        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+        let buffer = self.buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: (bytes.len() as u64).next_multiple_of(16).max(16),
             usage: wgpu::BufferUsages::BLAS_INPUT | wgpu::BufferUsages::COPY_DST | more,
@@ -223,24 +257,23 @@ impl Gpu {
         format: wgpu::TextureFormat,
         more: wgpu::TextureUsages,
     ) -> wgpu::TextureView {
-        self.device
-            .create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT | more,
-                view_formats: &[],
-            })
-            .create_view(&Default::default())
+        self.texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | more,
+            view_formats: &[],
+        })
+        .create_view(&Default::default())
     }
 
     /// A uniform buffer for a `T`.
     #[must_use]
     pub fn uniform<T: bytemuck::NoUninit>(&self, label: &str) -> wgpu::Buffer {
-        self.device.create_buffer(&wgpu::BufferDescriptor {
+        self.buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: (size_of::<T>() as u64).next_multiple_of(16),
             usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,

@@ -96,6 +96,7 @@ impl Compute {
             },
             cache: None,
         });
+        gpu.ledger.pipeline(label);
         Self { label, pipeline, slots, workgroup }
     }
 
@@ -115,7 +116,9 @@ impl Compute {
         for (group, bound) in groups.iter().enumerate() {
             pass.set_bind_group(group as u32, bound, &[]);
         }
-        pass.dispatch_workgroups(threads[0].div_ceil(self.workgroup[0]), threads[1].div_ceil(self.workgroup[1]), 1);
+        let workgroups = [threads[0].div_ceil(self.workgroup[0]), threads[1].div_ceil(self.workgroup[1])];
+        gpu.ledger.dispatch(self.label, workgroups);
+        pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
     }
 }
 
@@ -181,6 +184,7 @@ impl Raster {
             multiview_mask: None,
             cache: None,
         });
+        gpu.ledger.pipeline(label);
         Self { label, pipeline, slots }
     }
 
@@ -222,6 +226,7 @@ impl Raster {
             pass.set_bind_group(group as u32, bound, &[]);
         }
         pass.set_viewport(0.0, 0.0, viewport[0] as f32, viewport[1] as f32, 0.0, 1.0);
+        gpu.ledger.draw(self.label);
         draw(&mut pass);
     }
 }

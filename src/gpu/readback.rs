@@ -2,6 +2,9 @@
 
 use super::{Gpu, GpuError};
 
+/// What the ledger calls the copies.
+pub(super) const LABEL: &str = "read back";
+
 /// Copies the first `count` elements of a buffer back, waiting for all submitted work.
 ///
 /// # Errors
@@ -12,8 +15,8 @@ pub fn read_back<T: bytemuck::Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usiz
         return Ok(Vec::new());
     }
     let padded = bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
-    let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("read back"),
+    let staging = gpu.buffer(&wgpu::BufferDescriptor {
+        label: Some(LABEL),
         size: padded,
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,

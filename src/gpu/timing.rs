@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use super::{Gpu, GpuError, read_back};
+use super::{Gpu, GpuError, Ledger, read_back};
 
 /// Passes that can be timed between two collections.
 const CAPACITY: u32 = 2048;
@@ -43,19 +43,22 @@ pub struct Timings {
 }
 
 impl Timings {
-    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, available: bool) -> Self {
+    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, ledger: &Ledger, available: bool) -> Self {
         let queries = available.then(|| Queries {
             set: device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("timings"),
                 ty: wgpu::QueryType::Timestamp,
                 count: 2 * CAPACITY,
             }),
-            resolved: device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("timings"),
-                size: 16 * u64::from(CAPACITY),
-                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-                mapped_at_creation: false,
-            }),
+            resolved: ledger.buffer(
+                device,
+                &wgpu::BufferDescriptor {
+                    label: Some("timings"),
+                    size: 16 * u64::from(CAPACITY),
+                    usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                    mapped_at_creation: false,
+                },
+            ),
             millis_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
         });
         Self { queries, state: Mutex::default() }
