@@ -24,7 +24,7 @@ use crate::passes::light_subpath::LightSubpath;
 use crate::passes::rsm::Rsm;
 use crate::passes::view_lists::ViewLists;
 use crate::passes::view_setup::ViewSetup;
-use crate::pixels::PixelBuffers;
+use crate::pixels::{Band, PixelBuffers};
 use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
@@ -55,12 +55,11 @@ pub struct Frame {
     directions: Option<BundleDirections>,
     /// The light without extent that `views[0]` was made for.
     light_in_view: Option<u32>,
-    pixels: PixelBuffers,
+    /// The film, and what an iteration keeps per pixel.
+    pub pixels: PixelBuffers,
     scratch: ViewScratch,
     light_vertices: wgpu::Buffer,
     demands: wgpu::Buffer,
-    /// Sum and compensation per pixel.
-    pub film: wgpu::Buffer,
     /// Non-finite values, bits of skipped iterations, then items and nodes that each view wanted.
     pub log: wgpu::Buffer,
 }
@@ -129,7 +128,7 @@ impl Frame {
             })
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
-        let pixels = PixelBuffers::new(gpu, size, plan.glossy(), bundle_pdfs);
+        let pixels = PixelBuffers::new(gpu, size, plan.band_rows, plan.glossy(), bundle_pdfs);
         // One for each time that a view is filled.
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
@@ -140,9 +139,9 @@ impl Frame {
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
-            light_pool: plan
-                .has_pool()
-                .then(|| LightPool::new(gpu, &with(pattern), &with(visibility), plan.light_pool, size)),
+            light_pool: plan.has_pool().then(|| {
+                LightPool::new(gpu, &with(pattern), &with(visibility), plan.light_pool, plan.band_pixels(settings))
+            }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, pattern].concat()))),
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, pattern].concat()))),
@@ -158,7 +157,6 @@ impl Frame {
             pixels,
             scratch: ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit)),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
-            film: gpu.storage("film", u64::from(size[0]) * u64::from(size[1]) * 32),
             log: gpu.storage("log", 8 + 8 * fills as u64),
             demands,
             views,
@@ -183,14 +181,16 @@ impl Frame {
         let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags].concat();
         let pass = LightGifts::new(gpu, &flags, lights.count());
         let uniform = describe(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0);
-        gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
+        self.pixels.describe(gpu, &uniform);
         let strategy = gpu.uniform::<layouts::Strategy>("strategy");
         let alone = layouts::Strategy { allowed: [0.0, 1.0, 0.0, 0.0], s: 1, j: 1, ..Default::default() };
         gpu.queue.write_buffer(&strategy, 0, bytemuck::bytes_of(&alone));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        self.gbuffer.record(gpu, &mut encoder, scene, &self.pixels.frame);
-        self.eye_vertices.record(gpu, &mut encoder, scene, &self.pixels, &self.gbuffer.triangles);
-        pass.record(gpu, &mut encoder, scene, &self.pixels, &strategy);
+        self.gbuffer.record(gpu, &mut encoder, scene, self.pixels.first().frame);
+        for band in self.pixels.bands() {
+            self.eye_vertices.record(gpu, &mut encoder, scene, &band, &self.gbuffer.triangles);
+            pass.record(gpu, &mut encoder, scene, &band, &strategy);
+        }
         gpu.queue.submit([encoder.finish()]);
         pass.read(gpu)
     }
@@ -208,7 +208,7 @@ impl Frame {
     ) {
         let sampler = Sampler::new(settings.seed, iteration);
         let uniform = describe(scene, camera, settings, &sampler, iteration, batch_index);
-        gpu.queue.write_buffer(&self.pixels.frame, 0, bytemuck::bytes_of(&uniform));
+        self.pixels.describe(gpu, &uniform);
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut commands;
@@ -238,7 +238,18 @@ impl Frame {
             for vertex in 1..light_vertices {
                 let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
                 let vertices = &self.light_vertices;
-                pass.record(gpu, encoder, scene, &self.pixels, points, rsm, vertex as u32, from, vertices, next);
+                pass.record(
+                    gpu,
+                    encoder,
+                    scene,
+                    &self.pixels.first(),
+                    points,
+                    rsm,
+                    vertex as u32,
+                    from,
+                    vertices,
+                    next,
+                );
                 self.fill(gpu, encoder, scene, vertex, vertex);
             }
         }
@@ -254,31 +265,48 @@ impl Frame {
             self.fill(gpu, encoder, scene, n, n);
         }
 
+        // What each pixel sees; then its paths, band by band.
+        self.gbuffer.record(gpu, encoder, scene, self.pixels.first().frame);
+        for band in self.pixels.bands() {
+            self.follow(gpu, encoder, scene, &band, started, lights, &starts);
+            // The film, unless a list ran out of room.
+            self.accumulate.record(gpu, encoder, &band, &self.demands, &self.log);
+        }
+        gpu.queue.submit([commands.finish()]);
+    }
+
+    /// The eye subpaths of a band, joined to the light subpath, which has `started` where there are lights.
+    fn follow(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        band: &Band,
+        started: Option<&LightPoint>,
+        lights: &LightTable,
+        starts: &[layouts::LightStart],
+    ) {
+        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
         // z1, and what the camera sees shining: (0, 2).
-        self.gbuffer.record(gpu, encoder, scene, &self.pixels.frame);
-        self.eye_vertices.record(gpu, encoder, scene, &self.pixels, &self.gbuffer.triangles);
+        self.eye_vertices.record(gpu, encoder, scene, band, &self.gbuffer.triangles);
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
-        for j in 1..=settings.bounces + 1 {
+        for j in 1..=self.plan.bounces + 1 {
             for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
                 let pass = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped));
                 let (Some((_, pass)), Some(light_point)) = (pass, started) else { continue };
                 if let Some(pool) = self.light_pool.as_ref().filter(|_| (connection.s, j) == (1, 1)) {
-                    self.shine(gpu, encoder, scene, light_point, pool, strategy, lights, &starts);
+                    self.shine(gpu, encoder, scene, band, light_point, pool, strategy, lights, starts);
                     continue;
                 }
                 let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
-                pass.record(gpu, encoder, scene, &self.pixels, strategy, view, y0, &self.light_vertices, rsm);
+                pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
             }
             let Some((extension, strategy)) = self.extensions.get(j as usize - 1) else { continue };
             let Some((_, pass)) = self.extends.iter().find(|(other, _)| other.same_code(extension)) else { continue };
-            let bundle = &self.views[light_vertices + j as usize - 1];
-            pass.record(gpu, encoder, scene, &self.pixels, strategy, bundle);
+            let bundle = &self.views[self.plan.light_vertices as usize + j as usize - 1];
+            pass.record(gpu, encoder, scene, band, strategy, bundle);
         }
-
-        // The film, unless a list ran out of room.
-        self.accumulate.record(gpu, encoder, &self.pixels, &self.demands, &self.film, &self.log);
-        gpu.queue.submit([commands.finish()]);
     }
 
     /// Direct light from the pool: what each light point can see, one after the other.
@@ -287,20 +315,21 @@ impl Frame {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
+        band: &Band,
         light_point: &LightPoint,
         pool: &LightPool,
         strategy: &wgpu::Buffer,
         lights: &LightTable,
         starts: &[layouts::LightStart],
     ) {
-        pool.choose(gpu, encoder, scene, &self.pixels, strategy, &light_point.points);
-        pool.test(gpu, encoder, scene, &self.pixels, 0, &self.views[0]);
+        pool.choose(gpu, encoder, scene, band, strategy, &light_point.points);
+        pool.test(gpu, encoder, scene, band, 0, &self.views[0]);
         let Some(view) = self.plan.pool_view() else { return };
         for (n, start) in (0..).zip(starts).skip(1) {
             let infinite = lights.records[start.light as usize].is_infinite();
             light_point.look(encoder, n, infinite, &self.views[view]);
             self.fill(gpu, encoder, scene, view, view + n as usize - 1);
-            pool.test(gpu, encoder, scene, &self.pixels, n, &self.views[view]);
+            pool.test(gpu, encoder, scene, band, n, &self.views[view]);
         }
     }
 
@@ -363,9 +392,9 @@ impl Frame {
     /// Bytes of all buffers and targets of the frame.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let pixels = u64::from(self.pixels.size[0]) * u64::from(self.pixels.size[1]);
-        let buffers = self.pixels.bytes() + self.film.size();
-        buffers + pixels * 8 + self.scratch.bytes() + self.views.iter().map(ViewBuffers::bytes).sum::<u64>()
+        let views: u64 = self.views.iter().map(ViewBuffers::bytes).sum();
+        let pool = self.light_pool.as_ref().map_or(0, LightPool::bytes);
+        self.pixels.bytes() + self.gbuffer.bytes() + self.scratch.bytes() + views + pool
     }
 
     /// Largest number of nodes that any view has room for.

@@ -109,9 +109,9 @@ layouts! {
         beta: f32,
         iteration: u32,
         noise: u32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
+        first_row: u32,
+        rows: u32,
+        pad: u32,
     }
 
     /// A strategy's constants.

@@ -69,7 +69,8 @@ impl<'gpu> PathRenderer<'gpu> {
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let camera = camera_of(scene, settings)?;
-        check_size(gpu, settings)?;
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        check_size(gpu, settings, limit / 64)?;
         let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
@@ -221,7 +222,7 @@ impl Progressive for PathRenderer<'_> {
     }
 
     fn film(&self) -> Result<Film, RenderError> {
-        read_film(self.gpu, &self.pixels.film, &self.settings, self.samples)
+        read_film(self.gpu, std::iter::once(&self.pixels.film), &self.settings, self.samples)
     }
 
     fn stats(&self) -> RenderStats {

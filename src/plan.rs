@@ -17,6 +17,11 @@ const FEW_LIGHTS: usize = 16;
 /// Light points of the pool.
 const POOL: u32 = 16;
 
+/// Pixels that are followed at a time: enough to fill a large device. Where there is a pool of light points their maps are drawn for
+/// each band, so there are fewer bands.
+const BAND_PIXELS: u32 = 1 << 18;
+const POOL_BAND_PIXELS: u32 = 1 << 20;
+
 /// Why nothing starts from a light.
 const NO_LIGHT: &str = "no light that subpaths start from";
 
@@ -106,6 +111,10 @@ pub struct FramePlan {
     pub rays: bool,
     /// Room for nodes at the start, as a multiple of the usual guess.
     pub list_room: f32,
+    /// Indirect bounces.
+    pub bounces: u32,
+    /// Rows of the image that are followed at a time, so that what is kept per pixel is bounded.
+    pub band_rows: u32,
     /// Bytes of buffers and textures beside the scene, at the start.
     pub bytes: u64,
 }
@@ -225,8 +234,13 @@ impl FramePlan {
             fast,
             rays,
             list_room: settings.list_room,
+            bounces,
+            band_rows: 0,
             bytes: 0,
         };
+        let usual = if plan.has_pool() { POOL_BAND_PIXELS } else { BAND_PIXELS };
+        let band = settings.band_pixels.unwrap_or(usual);
+        plan.band_rows = (band / settings.width.max(1)).clamp(1, settings.height.max(1));
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.explain(settings);
         plan
@@ -261,7 +275,12 @@ impl FramePlan {
     /// Items that views start with room for; it grows where a frame needs more.
     #[must_use]
     pub fn item_room(&self, triangles: u64, limit: u64) -> u64 {
-        if self.rays { 0 } else { (triangles * 2 + 1024).min(limit / 16) }
+        // Lists need none for small triangles.
+        match (self.rays, self.has_depth_maps()) {
+            (true, _) => 0,
+            (false, true) => (triangles * 2 + 1024).min(limit / 16),
+            (false, false) => (triangles / 4 + 1024).min(limit / 16),
+        }
     }
 
     /// Nodes that a view starts with room for; it grows likewise.
@@ -271,7 +290,9 @@ impl FramePlan {
             return 0;
         }
         let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
-        let guess = ((texels * 3 + triangles * 4) as f64 * f64::from(self.list_room)) as u64;
+        // Seen in Sponza (bundles 0.5 to 9 nodes a triangle, maps from inside 0.5 to 8) and the Cornell box (1.6 and 1.3 a texel).
+        let guess = if faces == 1 { 2 * texels + 8 * triangles } else { 3 * texels / 2 + 6 * triangles };
+        let guess = (guess as f64 * f64::from(self.list_room)) as u64;
         guess.max(1).min((limit / 4 - texels) / self.node_words())
     }
 
@@ -299,6 +320,18 @@ impl FramePlan {
         }
     }
 
+    /// Bands that the image is made of.
+    #[must_use]
+    pub fn bands(&self, settings: &Settings) -> u32 {
+        settings.height.div_ceil(self.band_rows.max(1))
+    }
+
+    /// Pixels that are followed at a time.
+    #[must_use]
+    pub fn band_pixels(&self, settings: &Settings) -> u64 {
+        u64::from(settings.width) * u64::from(self.band_rows)
+    }
+
     /// Whether shaders have code for lobes beside the diffuse one.
     #[must_use]
     pub fn glossy(&self) -> bool {
@@ -309,8 +342,9 @@ impl FramePlan {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = stats.triangles as u64;
         let pool = if self.has_pool() { 16 } else { 0 };
-        let per_pixel =
-            pool + size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16 + 32 + 8;
+        let kept = pool + size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16;
+        // The film, and the G-buffer with its depth.
+        let image = pixels * (32 + 8) + self.band_pixels(settings) * kept;
         let views: u64 = self
             .views()
             .iter()
@@ -326,13 +360,15 @@ impl FramePlan {
                 triangles * 48 + answers
             })
             .sum();
-        pixels * per_pixel + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
+        image + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
     }
 
     fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {
         let mut out = Vec::new();
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
-        let around_lights = self.light_vertices + if self.has_pool() { self.light_pool - 1 } else { 0 };
+        let bands = self.bands(settings);
+        // Of the pool's light points, whose view is filled again for each band.
+        let around_lights = self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
         let views = if self.rays { 0 } else { around_lights + self.extensions.len() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
@@ -390,10 +426,10 @@ impl FramePlan {
             },
         );
         pass("gbuffer", 1, "z1 of every pixel".to_owned());
-        pass("eye_vertices", 1, "exact positions, and light that the camera sees".to_owned());
+        pass("eye_vertices", bands, "exact positions, and light that the camera sees".to_owned());
         pass(
             "connect",
-            (self.connections.len() - usize::from(self.has_pool())) as u32,
+            bands * (self.connections.len() - usize::from(self.has_pool())) as u32,
             if self.light_vertices == 0 {
                 NO_LIGHT.to_owned()
             } else {
@@ -413,7 +449,7 @@ impl FramePlan {
         );
         pass(
             "light_pool",
-            if self.has_pool() { self.light_pool + 1 } else { 0 },
+            if self.has_pool() { bands * (self.light_pool + 1) } else { 0 },
             match (self.light_pool, self.light_vertices) {
                 (_, 0) => NO_LIGHT.to_owned(),
                 (1, _) => "few lights: one light point an iteration".to_owned(),
@@ -422,7 +458,7 @@ impl FramePlan {
         );
         pass(
             "extend",
-            self.extensions.len() as u32,
+            bands * self.extensions.len() as u32,
             if meets {
                 let directions = if self.sky_bundles { ", along directions from where the sky is bright" } else { "" };
                 format!("{} bounces and the light beyond them{directions}", settings.bounces)
@@ -432,7 +468,7 @@ impl FramePlan {
                 "nothing shines by itself, so the last vertex is the last that is joined".to_owned()
             },
         );
-        pass("accumulate", 1, "film".to_owned());
+        pass("accumulate", bands, "film".to_owned());
         out
     }
 

@@ -95,7 +95,7 @@ impl<'gpu> Renderer<'gpu> {
         let stats = SceneStats::new(scene, &geometry);
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
-        check_size(gpu, settings)?;
+        check_size(gpu, settings, u64::MAX)?;
         let side = gpu.capabilities.max_texture_side;
         let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
         if largest > side {
@@ -204,13 +204,13 @@ impl Progressive for Renderer<'_> {
     }
 
     fn restart(&mut self, seed: u32) {
-        clear(self.gpu, &self.frame.film);
+        self.frame.pixels.bands().for_each(|band| clear(self.gpu, band.film));
         self.settings.seed = seed;
         self.samples = 0;
     }
 
     fn film(&self) -> Result<Film, RenderError> {
-        read_film(self.gpu, &self.frame.film, &self.settings, self.samples)
+        read_film(self.gpu, self.frame.pixels.bands().map(|band| band.film), &self.settings, self.samples)
     }
 
     fn stats(&self) -> RenderStats {
@@ -232,17 +232,15 @@ pub(crate) fn camera_of(scene: &Scene, settings: &Settings) -> Result<Camera, Re
     Ok(camera.clone())
 }
 
-/// Whether the device can hold the image.
-pub(crate) fn check_size(gpu: &Gpu, settings: &Settings) -> Result<(), RenderError> {
+/// Whether the device can hold an image of so many pixels at most.
+pub(crate) fn check_size(gpu: &Gpu, settings: &Settings, most: u64) -> Result<(), RenderError> {
     let Settings { width, height, .. } = *settings;
     let side = gpu.capabilities.max_texture_side;
-    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-    let fits = width.max(height) <= side && u64::from(width) * u64::from(height) * 64 <= limit;
+    let fits = width.max(height) <= side && u64::from(width) * u64::from(height) <= most;
     if width == 0 || height == 0 || !fits {
+        let pixels = if most == u64::MAX { String::new() } else { format!(", pixels up to {most}") };
         return Err(RenderError::Setting(format!(
-            "an image of {width}x{height} does not fit this device: sides go up to {side}, pixels up to {}; choose a smaller \
-             --size",
-            limit / 64
+            "an image of {width}x{height} does not fit this device: sides go up to {side}{pixels}; choose a smaller --size"
         )));
     }
     Ok(())
@@ -255,15 +253,17 @@ pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
     gpu.queue.submit([encoder.finish()]);
 }
 
-/// Means of compensated sums.
-pub(crate) fn read_film(
+/// Means of compensated sums, which may lie in several buffers.
+pub(crate) fn read_film<'a>(
     gpu: &Gpu,
-    film: &wgpu::Buffer,
+    films: impl Iterator<Item = &'a wgpu::Buffer>,
     settings: &Settings,
     samples: u64,
 ) -> Result<Film, RenderError> {
-    let pixels = (settings.width * settings.height) as usize;
-    let sums: Vec<[[f32; 4]; 2]> = read_back(gpu, film, pixels)?;
+    let mut sums: Vec<[[f32; 4]; 2]> = Vec::new();
+    for film in films {
+        sums.extend(read_back::<[[f32; 4]; 2]>(gpu, film, (film.size() / 32) as usize)?);
+    }
     let n = samples.max(1) as f64;
     let mean = |sum: f32, lost: f32| ((f64::from(sum) - f64::from(lost)) / n) as f32;
     Ok(Film {

@@ -267,6 +267,10 @@ pub struct Settings {
     /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
     #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
     pub list_room: f32,
+    /// Pixels that are followed at a time, 1 to 4194304: fewer take less memory, and drawings of the maps of a light pool more often
+    /// [default: 262144, with a light pool 1048576]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    pub band_pixels: Option<u32>,
     /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
     pub aperture: Option<f32>,
@@ -307,6 +311,7 @@ impl Default for Settings {
             light_pool: None,
             paper_clamp: 0.05,
             list_room: 1.0,
+            band_pixels: None,
             aperture: None,
             focus: None,
             camera: 0,
@@ -357,6 +362,9 @@ impl Settings {
         }
         if !(0.001..=16.0).contains(&self.list_room) {
             return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
+        }
+        if let Some(pixels) = self.band_pixels.filter(|pixels| !(1..=1 << 22).contains(pixels)) {
+            return wrong("--band-pixels", &pixels, "has to be 1 to 4194304".to_owned());
         }
         if !(0.0..=100.0).contains(&self.restir_memory) {
             return wrong("--restir-memory", &self.restir_memory, "has to be 0 to 100".to_owned());
@@ -414,6 +422,7 @@ impl Settings {
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
             ("--strategies", strategies, "raster and twin"),
+            ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
@@ -488,6 +497,8 @@ mod tests {
             ("--list-room", Settings { list_room: 0.0, ..base.clone() }),
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
             ("--light-pool", Settings { light_pool: Some(0), ..base.clone() }),
+            ("--band-pixels", Settings { band_pixels: Some(0), ..base.clone() }),
+            ("--band-pixels", Settings { method: Method::Path, band_pixels: Some(4), ..base.clone() }),
             ("--light-pool", Settings { method: Method::Path, light_pool: Some(4), ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
             ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),

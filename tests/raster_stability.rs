@@ -7,8 +7,9 @@ use common::{gpu, raster};
 use glam::{Mat3, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
+use lightsheaf::renderer::Renderer;
 use lightsheaf::scene::{Environment, Light, Material, Mesh, Scene, builtin};
-use lightsheaf::settings::{Settings, Visibility};
+use lightsheaf::settings::{LightSampling, Settings, Visibility};
 
 fn settings(width: u32, height: u32, samples: u32) -> Settings {
     Settings { width, height, samples, ..Settings::default() }
@@ -36,6 +37,32 @@ fn a_seed_names_the_bytes() {
     assert_eq!(bits(&one), bits(&again));
     assert_ne!(bits(&one), bits(&two));
     assert!(apart(&one, &two)[0] > 0.01, "another seed is another picture");
+}
+
+/// An image is made band by band; where it is cut changes nothing, in scenes with one light point and with a pool of them.
+#[test]
+fn bands_leave_the_picture_as_it_is() {
+    let Some(gpu) = gpu() else { return };
+    // Sums over the image that lights are chosen by are the one thing that depends on the order of bands, by rounding.
+    for (name, sampling) in [("cornell_glossy", None), ("point_hall:40", Some(LightSampling::Power))] {
+        let scene = builtin::load(name).unwrap();
+        let of = |band_pixels, seed| {
+            let settings =
+                Settings { band_pixels, seed, light_pool: Some(3), light_sampling: sampling, ..settings(40, 33, 4) };
+            let bands = Renderer::new(gpu, &scene, &settings).unwrap().plan().bands(&settings);
+            let (film, _) = raster(gpu, &scene, &settings);
+            (film.pixels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>(), bands)
+        };
+        let (whole, one) = of(None, 1);
+        assert_eq!(one, 1);
+        // Of two rows, the last of one; of one row, since no band is narrower.
+        for (pixels, bands) in [(80, 17), (1, 33)] {
+            let cut = of(Some(pixels), 1);
+            assert_eq!(cut.1, bands);
+            assert!(cut.0 == whole, "{name}: bands of {pixels} pixels");
+        }
+        assert_ne!(of(None, 2).0, whole, "another seed is another picture");
+    }
 }
 
 /// In exact mode resolutions are a matter of speed: 0.1 % of the mean for the mean, and for nine pixels of ten.

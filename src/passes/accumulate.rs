@@ -3,7 +3,7 @@
 //! Reads the iteration's image and the views' demands. Writes the film and the batch's log.
 
 use crate::gpu::{Compute, Gpu};
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 
 /// The pass.
 pub struct Accumulate(Compute);
@@ -20,17 +20,16 @@ impl Accumulate {
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        pixels: &PixelBuffers,
+        band: &Band,
         demands: &wgpu::Buffer,
-        film: &wgpu::Buffer,
         log: &wgpu::Buffer,
     ) {
-        let mut bindings = pixels.bindings().to_vec();
+        let mut bindings = band.bindings().to_vec();
         bindings.extend([
             ("demands", demands.as_entire_binding()),
-            ("film", film.as_entire_binding()),
+            ("film", band.film.as_entire_binding()),
             ("log", log.as_entire_binding()),
         ]);
-        self.0.record(gpu, encoder, pixels.size, &bindings);
+        self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

@@ -5,7 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
 /// The pass, for one number of light vertices.
@@ -32,7 +32,7 @@ impl Connect {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         strategy: &wgpu::Buffer,
         view: &ViewBuffers,
         y0: &wgpu::Buffer,
@@ -40,13 +40,13 @@ impl Connect {
         rsm: Option<&wgpu::Buffer>,
     ) {
         let mut bindings = scene.with(&view.bindings());
-        bindings.extend(pixels.bindings());
+        bindings.extend(band.bindings());
         bindings.extend([
             ("strategy", strategy.as_entire_binding()),
             ("y0", y0.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
         ]);
         bindings.extend(rsm.map(|table| ("rsm", table.as_entire_binding())));
-        self.0.record(gpu, encoder, pixels.size, &bindings);
+        self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

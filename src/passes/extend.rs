@@ -5,7 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
 /// The pass.
@@ -28,13 +28,13 @@ impl Extend {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         strategy: &wgpu::Buffer,
         bundle: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&bundle.bindings());
-        bindings.extend(pixels.bindings());
+        bindings.extend(band.bindings());
         bindings.push(("strategy", strategy.as_entire_binding()));
-        self.0.record(gpu, encoder, pixels.size, &bindings);
+        self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 
 /// The pass.
 pub struct EyeVertices(Compute);
@@ -22,11 +22,11 @@ impl EyeVertices {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         gbuffer: &wgpu::TextureView,
     ) {
         let mut bindings = scene.with(&[("gbuffer", wgpu::BindingResource::TextureView(gbuffer))]);
-        bindings.extend(pixels.bindings());
-        self.0.record(gpu, encoder, pixels.size, &bindings);
+        bindings.extend(band.bindings());
+        self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

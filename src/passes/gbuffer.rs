@@ -28,6 +28,12 @@ impl GBuffer {
         }
     }
 
+    /// Bytes of the targets.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        8 * u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+
     /// Records the pass.
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, frame: &wgpu::Buffer) {
         let none = f64::from(u32::MAX);

@@ -4,7 +4,7 @@
 
 use crate::gpu::{Compute, Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 
 /// The pass.
 pub struct LightGifts {
@@ -27,10 +27,10 @@ impl LightGifts {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         strategy: &wgpu::Buffer,
     ) {
-        let mut bindings = scene.with(&pixels.bindings());
+        let mut bindings = scene.with(&band.bindings());
         bindings.extend([("strategy", strategy.as_entire_binding()), ("light_gifts", self.gifts.as_entire_binding())]);
         let threads = [self.count.min(1 << 16), self.count.div_ceil(1 << 16)];
         self.compute.record(gpu, encoder, threads, &bindings);

@@ -5,7 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
 /// The pass.
@@ -20,7 +20,7 @@ pub struct LightPool {
 impl LightPool {
     /// Builds the pipelines. `choosing`: flags of what depends on the light; `visibility`: of the tests.
     #[must_use]
-    pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], count: u32, [width, height]: [u32; 2]) -> Self {
+    pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], count: u32, band_pixels: u64) -> Self {
         let index = |n: u32| {
             let uniform = gpu.uniform::<u32>("pool_index");
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&n));
@@ -29,7 +29,7 @@ impl LightPool {
         Self {
             choose: Compute::new(gpu, "light_pool", "light_pool", &[choosing, &["CHOOSE"]].concat()),
             test: Compute::new(gpu, "light_pool_test", "light_pool", visibility),
-            choices: gpu.storage("choices", u64::from(width) * u64::from(height) * 16),
+            choices: gpu.storage("choices", band_pixels * 16),
             indices: (0..count).map(index).collect(),
         }
     }
@@ -40,17 +40,17 @@ impl LightPool {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         strategy: &wgpu::Buffer,
         light_points: &wgpu::Buffer,
     ) {
-        let mut bindings = scene.with(&pixels.bindings());
+        let mut bindings = scene.with(&band.bindings());
         bindings.extend([
             ("choices", self.choices.as_entire_binding()),
             ("strategy", strategy.as_entire_binding()),
             ("light_points", light_points.as_entire_binding()),
         ]);
-        self.choose.record(gpu, encoder, pixels.size, &bindings);
+        self.choose.record(gpu, encoder, band.size, &bindings);
     }
 
     /// Records the test of those that chose the n-th light point, by the map around it.
@@ -59,17 +59,17 @@ impl LightPool {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         n: u32,
         view: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&view.bindings());
-        bindings.extend(pixels.bindings());
+        bindings.extend(band.bindings());
         bindings.extend([
             ("choices", self.choices.as_entire_binding()),
             ("pool_index", self.indices[n as usize].as_entire_binding()),
         ]);
-        self.test.record(gpu, encoder, pixels.size, &bindings);
+        self.test.record(gpu, encoder, band.size, &bindings);
     }
 
     /// Bytes of what is kept per pixel.

@@ -5,7 +5,7 @@
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
-use crate::pixels::PixelBuffers;
+use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
 /// The pass.
@@ -31,7 +31,7 @@ impl LightSubpath {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
-        pixels: &PixelBuffers,
+        band: &Band,
         y0: &wgpu::Buffer,
         rsm: Option<&wgpu::Buffer>,
         vertex: u32,
@@ -40,7 +40,7 @@ impl LightSubpath {
         next: &ViewBuffers,
     ) {
         let mut bindings = scene.with(&from.bindings());
-        bindings.extend(pixels.bindings());
+        bindings.extend(band.bindings());
         bindings.extend([
             ("y0", y0.as_entire_binding()),
             ("light_vertices", light_vertices.as_entire_binding()),
