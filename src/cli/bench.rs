@@ -32,7 +32,7 @@ pub struct BenchArgs {
     /// One more of our methods with options of its own: `fast=--method raster --visibility fast`; may be repeated
     #[arg(long = "variant", value_name = "NAME=OPTIONS")]
     variants: Vec<String>,
-    /// A program of others: `mitsuba=target/peers/mitsuba/bin/python benches/peers/mitsuba.py`, see benches/peers; needs Mitsuba .xml
+    /// A program of others: `mitsuba=target/peers/mitsuba/bin/python benches/peers/peer_mitsuba.py`, see benches/peers; needs Mitsuba .xml
     /// scenes; may be repeated
     #[arg(long = "peer", value_name = "NAME=COMMAND")]
     peers: Vec<PeerCommand>,

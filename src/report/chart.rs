@@ -1,6 +1,9 @@
 //! Curves as SVG: a line for the mean, a band from the least to the greatest repeat, a dot for each checkpoint. Both axes are
 //! logarithmic.
 
+use std::ops::Range;
+
+use plotters::coord::combinators::BindKeyPoints as _;
 use plotters::prelude::{
     BLACK, ChartBuilder, Circle, Color as _, IntoDrawingArea as _, IntoLogRange as _, LineSeries, PathElement, Polygon,
     RGBColor, SVGBackend, SeriesLabelPosition, WHITE,
@@ -38,6 +41,9 @@ pub struct Curves<'a> {
 }
 
 /// Draws all contenders; `floor`: the reference's own error. None where there is nothing to draw.
+///
+/// # Errors
+/// [`BenchError::Report`].
 pub fn svg(all: &[Curves], unit: &str, floor: Option<f64>) -> Result<Option<String>, BenchError> {
     // Holes have no place on an axis.
     let drawable = |p: &&Point| p.error.is_finite() && p.error > 0.0;
@@ -60,7 +66,10 @@ pub fn svg(all: &[Curves], unit: &str, floor: Option<f64>) -> Result<Option<Stri
             .margin(12)
             .x_label_area_size(40)
             .y_label_area_size(70)
-            .build_cartesian_2d(x.clone().log_scale(), y.log_scale())
+            .build_cartesian_2d(
+                x.clone().log_scale().with_key_points(ticks(&x)),
+                y.clone().log_scale().with_key_points(ticks(&y)),
+            )
             .map_err(|e| drawing(&e))?;
         chart
             .configure_mesh()
@@ -105,6 +114,14 @@ pub fn svg(all: &[Curves], unit: &str, floor: Option<f64>) -> Result<Option<Stri
     Ok(Some(out))
 }
 
+/// Round numbers on a logarithmic axis: 1, 2 and 5 of each power of ten over few of them, otherwise 1 alone.
+fn ticks(range: &Range<f64>) -> Vec<f64> {
+    let [first, last] = [range.start, range.end].map(|end| end.log10().floor() as i32);
+    let steps: &[f64] = if last - first <= 4 { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let all = (first..=last).flat_map(|power| steps.iter().map(move |step| step * 10_f64.powi(power)));
+    all.filter(|tick| range.contains(tick)).collect()
+}
+
 type Line = Vec<(f64, f64)>;
 
 /// The mean of repeats along the time that all of them cover, and the outline from their least to their greatest.
@@ -143,6 +160,13 @@ mod tests {
             assert!((mean * t - 2.0).abs() < 1e-9 && (low * t - 1.0).abs() < 1e-9, "{t} {mean} {low}");
         }
         assert_eq!(over_repeats(&[]), Default::default());
+    }
+
+    #[test]
+    fn ticks_are_round_numbers_within_the_range() {
+        let shown: Vec<String> = ticks(&(0.03..1.3)).into_iter().map(short).collect();
+        assert_eq!(shown, ["0.050", "0.10", "0.20", "0.50", "1.0"]);
+        assert_eq!(ticks(&(1e-5..50.0)).len(), 7);
     }
 
     #[test]
