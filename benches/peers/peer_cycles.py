@@ -108,7 +108,6 @@ def start(args):
     render_settings.threads = args.threads
     render_settings.resolution_x, render_settings.resolution_y = args.size
     render_settings.resolution_percentage = 100
-    render_settings.use_persistent_data = True
     render_settings.film_transparent = False
     settings.view_settings.view_transform = "Raw"
     image = render_settings.image_settings

@@ -49,7 +49,7 @@ pub struct BenchArgs {
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Settings::default().seed)]
     seed: u32,
     /// Errors whose time is in the table, by commas
-    #[arg(long, value_name = "REL_MSE", value_delimiter = ',', default_values_t = [0.01, 0.003, 0.001])]
+    #[arg(long, value_name = "REL_MSE", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [0.01, 0.003, 0.001])]
     targets: Vec<f64>,
     /// Columns and rows of the pictures [default: what the scene's camera asks for, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = super::view::parse_size)]
