@@ -82,6 +82,7 @@
 //! there and bound by name; structs that both sides read are in [`layouts`], and a test compares them with the linked shaders.
 
 pub mod acceleration;
+pub mod bench;
 pub mod bundle_directions;
 pub mod film;
 pub mod frame;
@@ -99,6 +100,7 @@ pub mod pixels;
 pub mod plan;
 pub mod reference;
 pub mod renderer;
+pub mod report;
 pub mod sampler;
 pub mod scene;
 pub mod settings;

@@ -1,8 +1,9 @@
-//! The command line: `render`, `compare`, `plan`, `scenes`.
+//! The command line: `render`, `compare`, `bench`, `plan`, `scenes`.
 //!
 //! Exit codes: 0 done; 1 a threshold of `compare` is exceeded; 2 an error, printed once on stderr as `error: ...`.
 //! Results go to stdout or to the files asked for; warnings, progress and the closing line go to stderr.
 
+mod bench;
 mod compare;
 mod output;
 mod render;
@@ -41,6 +42,8 @@ enum Command {
     Render(Box<render::RenderArgs>),
     /// Say how far an image is from a reference, on linear RGB
     Compare(compare::CompareArgs),
+    /// Take error against run time, and write a report
+    Bench(Box<bench::BenchArgs>),
     /// Print what a render would do, pass by pass with the reason, without rendering
     Plan(Box<PlanArgs>),
     /// List the scenes that need no file, and the kinds of files that are read
@@ -71,6 +74,7 @@ pub fn run() -> ExitCode {
     let done = match cli.command {
         Command::Render(args) => render::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
+        Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),
         Command::Scenes => scenes().map(|()| ExitCode::SUCCESS),
     };

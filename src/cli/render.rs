@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
@@ -260,7 +260,10 @@ impl Job<'_> {
                 let output = reference.render(&settings, &|pixels, _| bar.set_position(pixels));
                 (output.film, samples.into(), output.non_finite, output.rays)
             }
-            Some(seconds) => render_rounds(&reference, settings, seconds, &bar),
+            Some(seconds) => {
+                let rounds = render_rounds(&reference, settings, seconds, &bar);
+                (rounds.film(), rounds.samples().into(), rounds.non_finite, rounds.rays)
+            }
         };
         bar.finish_and_clear();
         let render = began.elapsed().as_secs_f64();
@@ -350,34 +353,16 @@ fn view_name(index: usize, light_vertices: usize) -> String {
     }
 }
 
-/// Rounds of the reference, each with a seed of its own, until the time is used; the image is their mean.
-fn render_rounds(
-    reference: &Reference,
-    settings: ReferenceSettings,
-    seconds: f64,
-    bar: &ProgressBar,
-) -> (Film, u64, u64, u64) {
+/// Rounds of the reference until the time is used.
+fn render_rounds(reference: &Reference, settings: ReferenceSettings, seconds: f64, bar: &ProgressBar) -> Rounds {
     let clock = Clock::new(seconds);
-    let mut sum = vec![[0.0_f64; 3]; settings.width as usize * settings.height as usize];
-    let (mut samples, mut non_finite, mut rays) = (0, 0, 0);
-    let mut seed = settings.seed;
-    // Each round at most doubles what there is: early rounds show the rate, late ones are stratified well.
-    while let Some(round) = clock.next_round(samples, samples.max(1)) {
-        // The largest power of two, which the sampler stratifies best.
-        let round = 1_u64 << round.ilog2();
-        let settings = ReferenceSettings { samples: round as u32, seed, ..settings };
-        let output = reference.render(&settings, &|_, _| show_budget(bar, clock.began, samples));
-        for (sum, pixel) in sum.iter_mut().zip(&output.film.pixels) {
-            (0..3).for_each(|c| sum[c] += f64::from(pixel[c]) * round as f64);
-        }
-        samples += round;
-        non_finite += output.non_finite;
-        rays += output.rays;
-        // The golden ratio: seeds of later rounds are no neighbours, and are not met by small seeds of other runs.
-        seed = seed.wrapping_add(0x9e37_79b9);
+    let mut rounds = Rounds::new(settings);
+    // Each round at most doubles what there is: early rounds show the rate, and sums of powers of two are stratified well.
+    while let Some(round) = clock.next_round(rounds.samples().into(), rounds.samples().max(1).into()) {
+        let samples = rounds.samples().into();
+        rounds.add(reference, 1 << round.ilog2(), &|_, _| show_budget(bar, clock.began, samples));
     }
-    let pixels = sum.iter().map(|s| s.map(|v| (v / samples as f64) as f32)).collect();
-    (Film { width: settings.width, height: settings.height, pixels }, samples, non_finite, rays)
+    rounds
 }
 
 fn show_budget(bar: &ProgressBar, began: Instant, samples: u64) {

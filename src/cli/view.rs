@@ -116,7 +116,7 @@ impl ViewArgs {
     }
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), &'static str> {
+pub fn parse_size(text: &str) -> Result<(u32, u32), &'static str> {
     let size = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     size.ok_or("a size is columns x rows, such as 640x360")
 }

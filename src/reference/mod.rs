@@ -16,10 +16,12 @@ pub mod environment;
 pub mod lights;
 pub mod microfacet;
 mod path;
+mod rounds;
 mod sampler;
 pub mod surface;
 pub mod texture;
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{Vec2, Vec3};
@@ -29,6 +31,8 @@ use crate::film::Film;
 use crate::scene::{Geometry, Scene, Sides};
 
 use self::bvh::{Bvh, Hit, NONE};
+pub use self::rounds::Rounds;
+
 use self::camera::Rays;
 use self::environment::Sky;
 use self::lights::Lights;
@@ -105,7 +109,21 @@ impl<'s> Reference<'s> {
     /// If the scene has no camera of that index.
     #[must_use]
     pub fn render(&self, settings: &ReferenceSettings, progress: &(dyn Fn(u64, u64) + Sync)) -> ReferenceOutput {
-        let ReferenceSettings { width, height, samples, .. } = *settings;
+        self.render_range(settings, 0..settings.samples, progress)
+    }
+
+    /// As [`Self::render`], with these samples of each pixel's sequence in place of `settings.samples` from its start.
+    ///
+    /// # Panics
+    /// If the scene has no camera of that index.
+    #[must_use]
+    pub fn render_range(
+        &self,
+        settings: &ReferenceSettings,
+        samples: Range<u32>,
+        progress: &(dyn Fn(u64, u64) + Sync),
+    ) -> ReferenceOutput {
+        let ReferenceSettings { width, height, .. } = *settings;
         let rays = Rays::new(&self.scene.cameras[settings.camera], width, height);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let total = u64::from(width) * u64::from(height);
@@ -117,7 +135,7 @@ impl<'s> Reference<'s> {
             for y in y0..y1 {
                 for x in x0..x1 {
                     let mut sum = [0.0_f64; 3];
-                    for sample in 0..samples {
+                    for sample in samples.clone() {
                         let mut sampler = Sampler::new(settings.seed, y * width + x, sample);
                         let at = Vec2::new(x as f32, y as f32) + sampler.pair();
                         let (origin, direction) = rays.ray(at, &mut sampler);
@@ -126,7 +144,7 @@ impl<'s> Reference<'s> {
                         tile.rays += u64::from(path.rays);
                         (0..3).for_each(|c| sum[c] += f64::from(path.radiance[c]));
                     }
-                    tile.pixels.push(sum.map(|s| (s / f64::from(samples)) as f32));
+                    tile.pixels.push(sum.map(|s| (s / samples.len() as f64) as f32));
                 }
             }
             let pixels = tile.pixels.len() as u64;
