@@ -38,6 +38,7 @@ modules!(
     "lib/paths",
     "lib/pattern",
     "lib/random",
+    "lib/record",
     "lib/rsm",
     "lib/sampling",
     "lib/scatter",
