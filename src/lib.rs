@@ -23,7 +23,7 @@
 //!    Where a method asks for it, [`acceleration`] builds what ray queries need from the same positions.
 //! 4. [`film::Film`] is the linear image, [`metrics`] says how far two of them are apart.
 //! 5. [`mod@reference`] renders the same scene on the CPU and shares no code with the above but the scene and the film.
-//! 6. [`bench`] lets all of them, and programs of others, render in turns and takes error against time; [`report`] shows it.
+//! 6. [`mod@bench`] lets all of them, and programs of others, render in turns and takes error against time; [`report`] shows it.
 //!
 //! # One iteration
 //!
@@ -75,7 +75,7 @@
 //! # Import rules
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
-//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`bench`]. Nothing imports
+//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`mod@bench`]. Nothing imports
 //! the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and `shaders/visibility`, never another pass.
 //!
 //! # Shaders

@@ -61,7 +61,9 @@ mod tests {
         let whole = reference.render(&settings, &|_, _| ());
         let mut rounds = Rounds::new(settings);
         assert_eq!(rounds.film(), Film::new(12, 8));
-        [1, 2, 4].map(|samples| rounds.add(&reference, samples, &|_, _| ()));
+        for samples in [1, 2, 4] {
+            rounds.add(&reference, samples, &|_, _| ());
+        }
         assert_eq!((rounds.samples(), rounds.rays), (7, whole.rays));
         for (a, b) in rounds.film().pixels.iter().flatten().zip(whole.film.pixels.iter().flatten()) {
             assert!((a - b).abs() <= 1e-6 * b.abs(), "{a} {b}");
