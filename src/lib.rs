@@ -76,7 +76,8 @@
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
 //! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`mod@bench`]. Nothing imports
-//! the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and `shaders/visibility`, never another pass.
+//! the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and
+//! `shaders/visibility`, never another pass.
 //!
 //! # Shaders
 //!
