@@ -23,6 +23,7 @@
 //!    Where a method asks for it, [`acceleration`] builds what ray queries need from the same positions.
 //! 4. [`film::Film`] is the linear image, [`metrics`] says how far two of them are apart.
 //! 5. [`mod@reference`] renders the same scene on the CPU and shares no code with the above but the scene and the film.
+//! 6. [`mod@bench`] lets all of them, and programs of others, render in turns and takes error against time; [`report`] shows it.
 //!
 //! # One iteration
 //!
@@ -67,14 +68,16 @@
 //!   them; or depth maps, and lists of triangles that cover the texel's centre, whose depths are compared.
 //! - **`pdf_w`, `pdf_a`**: density per solid angle, per area; `pdf_a = pdf_w |cos| / d^2`.
 //! - **`a_from_b`**: a transform that takes b to a, such as `world_from_camera`.
+//! - **contender**: a method of ours or a **peer**, a program of others, in a benchmark.
 //! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the others: one path,
 //!   or one subpath of either side, for each pixel.
 //!
 //! # Import rules
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
-//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Nothing imports the command line, which is part
-//! of the program, not of this library. A shader of a pass imports `shaders/lib` and `shaders/visibility`, never another pass.
+//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`mod@bench`]. Nothing imports
+//! the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and
+//! `shaders/visibility`, never another pass.
 //!
 //! # Shaders
 //!

@@ -446,7 +446,11 @@ fn span<T: fmt::Display>(range: &RangeInclusive<T>) -> String {
     format!("{} to {}", range.start(), range.end())
 }
 
-fn parse_bounces(text: &str) -> Result<u32, String> {
+/// `unlimited` or a number, as the command line takes bounces.
+///
+/// # Errors
+/// A sentence where it is neither.
+pub fn parse_bounces(text: &str) -> Result<u32, String> {
     match text {
         "unlimited" => Ok(UNLIMITED),
         _ => text.parse().map_err(|_| "neither a whole number nor `unlimited`".to_owned()),

@@ -84,7 +84,7 @@ fn rendered(output: &str, more: &[&str]) -> Vec<u8> {
 #[test]
 fn help_and_version() {
     let help = succeed(&["--help"]);
-    for command in ["render", "compare", "plan", "scenes"] {
+    for command in ["render", "compare", "bench", "plan", "scenes"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command} is not in: {help}");
         assert!(succeed(&[command, "--help"]).contains("Usage: lightsheaf"));
     }
@@ -97,7 +97,8 @@ fn readme_shows_real_options() {
     let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
     let readme: Vec<&str> = readme.split('`').filter(|span| !span.starts_with("cargo ")).collect();
     let readme = readme.join("`");
-    let help: String = ["render", "compare", "plan", "scenes"].map(|command| succeed(&[command, "--help"])).concat();
+    let help: String =
+        ["render", "compare", "bench", "plan", "scenes"].map(|command| succeed(&[command, "--help"])).concat();
     let known = |option: &str| help.split([' ', ',', '\n', '`']).any(|word| word == option);
     let is_option = |word: &&str| word.starts_with("--") && word.len() > 2;
     let shown: Vec<&str> = readme.split([' ', ',', '\n', '`', '[', ']', '=']).filter(is_option).collect();

@@ -4,6 +4,7 @@
 //!   `film` alone.
 //! - Passes never import each other; `frame` wires them.
 //! - `reference` imports `scene` and `film` only: nothing of the GPU side that it judges.
+//! - Only `report` and `cli` import `bench`, and only `cli` imports `report`: what is measured does not know it.
 //! - Nothing imports `cli` or `viewer` (but the program, and `viewer` may itself).
 //! - A pass shader imports `package::lib` and `package::visibility`, never another pass; these never import a pass.
 
@@ -124,6 +125,12 @@ fn broken_rule(from: &[&str], to: &[String]) -> Option<String> {
     if matches!(imported, "cli" | "viewer") && importer != imported && importer != "main" && from != ["cli"] {
         return says("nothing imports cli or viewer");
     }
+    if imported == "bench" && !matches!(importer, "bench" | "report" | "cli") {
+        return says("only report and cli import bench");
+    }
+    if imported == "report" && !matches!(importer, "report" | "cli") {
+        return says("only cli imports report");
+    }
     if importer == imported {
         if importer == "passes" && to.len() > 1 && from.len() > 1 && to[1] != from[1] {
             return says("passes never import each other");
@@ -234,6 +241,8 @@ fn planted_imports_are_found() {
         (&["renderer"], "cli"),
         (&["renderer"], "viewer::run"),
         (&["scene"], "cli"),
+        (&["renderer"], "bench::race"),
+        (&["bench", "contender"], "report::Report"),
     ] {
         assert!(broken(from, to), "{from:?} may not import {to}");
     }
@@ -247,6 +256,8 @@ fn planted_imports_are_found() {
         (&["frame"], "passes::connect"),
         (&["main"], "cli::run"),
         (&["cli"], "renderer::Renderer"),
+        (&["report"], "bench::Entry"),
+        (&["bench", "truth"], "reference::Rounds"),
     ] {
         assert!(!broken(from, to), "{from:?} may import {to}");
     }

@@ -60,7 +60,7 @@ def scene_properties(pyluxcore, scene, size):
 def start(args):
     import pyluxcore
 
-    pyluxcore.Init()
+    pyluxcore.Init(lambda message: None)
     if args.engine == "BIDIRCPU" and args.bounces is not None:
         raise protocol.Refusal("BIDIRCPU cannot limit the length of whole paths: give --bounces unlimited")
     scene = mitsuba_scene.load(args)

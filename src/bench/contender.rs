@@ -73,7 +73,7 @@ pub fn device(method: Method) -> Result<Option<Gpu>, GpuError> {
     }
 }
 
-/// One of our methods, on what [`device`] gave for it.
+/// One of our methods, on what [`device`] gave for it. Raster and its twin take a scene without glass ([`Scene::without_glass`]).
 ///
 /// # Errors
 /// As of the renderers.
@@ -84,9 +84,7 @@ pub fn ours<'a>(
 ) -> Result<Box<dyn Contender + 'a>, BenchError> {
     let Some(gpu) = gpu else { return Ok(Box::new(OnCpu::new(scene, settings))) };
     Ok(if settings.method.shares_subpaths() {
-        // The renderer keeps nothing of a scene without glass but what it uploads.
-        let renderer = Renderer::new(gpu, &scene.clone().without_glass(), settings)?;
-        Box::new(OnDevice { gpu, renderer })
+        Box::new(OnDevice { gpu, renderer: Renderer::new(gpu, scene, settings)? })
     } else {
         Box::new(OnDevice { gpu, renderer: PathRenderer::new(gpu, scene, settings)? })
     })

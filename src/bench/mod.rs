@@ -113,10 +113,20 @@ pub struct Run {
 }
 
 impl Run {
-    /// Error against time.
+    /// A figure against time. Of pictures that are made anew, one with fewer samples may have taken longer than one with more: it is
+    /// left out.
     #[must_use]
-    pub fn curve(&self) -> Vec<Point> {
-        self.checkpoints.iter().map(|c| Point { seconds: c.seconds, error: c.error }).collect()
+    pub fn curve(&self, figure: impl Fn(&Checkpoint) -> f64) -> Vec<Point> {
+        let mut least = f64::INFINITY;
+        let mut points: Vec<Point> = Vec::new();
+        for checkpoint in self.checkpoints.iter().rev().filter(|c| c.seconds > 0.0) {
+            if checkpoint.seconds < least {
+                least = checkpoint.seconds;
+                points.push(Point { seconds: least, error: figure(checkpoint) });
+            }
+        }
+        points.reverse();
+        points
     }
 }
 
@@ -371,6 +381,16 @@ mod tests {
         wrong_size.film.width = 8;
         race(&mut entries[1..], &schedule, &wrong_size, &mut |_| ());
         assert!(entries[1].failure.as_ref().is_some_and(|f| f.contains("8x16")), "{:?}", entries[1].failure);
+    }
+
+    #[test]
+    fn curves_go_forward_in_time() {
+        let film = Film { width: 16, height: 16, pixels: vec![[1.0; 3]; 256] };
+        let comparison = metrics::compare(&film, &film).unwrap();
+        let at = |(seconds, error)| Checkpoint { seconds, samples: 1, error, comparison };
+        let run = Run { seed: 1, checkpoints: [(0.3, 8.0), (0.5, 4.0), (0.2, 2.0), (0.4, 1.0)].map(at).to_vec() };
+        let points: Vec<_> = run.curve(|c| c.error).iter().map(|p| (p.seconds, p.error)).collect();
+        assert_eq!(points, [(0.2, 2.0), (0.4, 1.0)]);
     }
 
     #[test]

@@ -14,8 +14,8 @@
 //! ```
 //!
 //! with the picture in FILE.exr: linear Rec. 709 RGB, row 0 on top. SECONDS is the time of rendering by its own clock, without writing
-//! the file; SAMPLES how many it took, where it cannot take any number. Other lines of its output are ignored. It ends when its
-//! input does. benches/peers has such commands.
+//! the file; SAMPLES how many it took, where it cannot take any number. Other lines of its output are ignored; what it says on its
+//! standard error is kept beside the report, as NAME-SCENE.log. It ends when its input does. benches/peers has such commands.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -62,12 +62,14 @@ pub struct Peer {
     input: Option<ChildStdin>,
     lines: Receiver<String>,
     picture: PathBuf,
+    log: PathBuf,
     seed: u32,
     patience: Duration,
 }
 
 impl Peer {
-    /// Starts it and waits until it is ready. Pictures go through a file in `folder`; a picture may take `patience`.
+    /// Starts it and waits until it is ready. Pictures go through a file in `folder`, where its messages stay; a picture may take
+    /// `patience`.
     ///
     /// # Errors
     /// [`BenchError::Peer`]: it cannot be started, refuses the scene, or says nothing for ten minutes.
@@ -80,14 +82,21 @@ impl Peer {
     ) -> Result<Self, BenchError> {
         let error = |cause: String| BenchError::Peer { name: peer.name.clone(), cause };
         let bounces = if settings.bounces == UNLIMITED { "unlimited".to_owned() } else { settings.bounces.to_string() };
+        let words = [peer.name.as_str(), &Path::new(scene).file_stem().unwrap_or_default().to_string_lossy()].join("-");
+        let log = folder.join(words.replace(|c: char| !c.is_alphanumeric() && c != '-', "_") + ".log");
+        let messages = std::fs::File::create(&log).map_err(|e| error(format!("{}: {e}", log.display())))?;
         let mut process = Command::new(&peer.command[0])
             .args(&peer.command[1..])
             .args(["--scene", scene, "--size", &format!("{}x{}", settings.width, settings.height)])
             .args(["--bounces", &bounces])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .stderr(messages)
             .spawn()
-            .map_err(|e| error(format!("{} cannot be started: {e}; see benches/peers/README.md", peer.command[0])))?;
+            .map_err(|e| {
+                let _ = std::fs::remove_file(&log);
+                error(format!("{} cannot be started: {e}; see benches/peers/README.md", peer.command[0]))
+            })?;
         let input = process.stdin.take();
         let (send, lines) = channel();
         if let Some(output) = process.stdout.take() {
@@ -108,6 +117,7 @@ impl Peer {
             input,
             lines,
             picture: folder.join(file),
+            log,
             seed: settings.seed,
             patience: PATIENCE,
         };
@@ -128,7 +138,9 @@ impl Peer {
             let line = self.lines.recv_timeout(left).map_err(|e| {
                 self.error(match e {
                     RecvTimeoutError::Timeout => format!("no `{word}` within {} s", self.patience.as_secs()),
-                    RecvTimeoutError::Disconnected => format!("it ended before it said `{word}`; see its messages"),
+                    RecvTimeoutError::Disconnected => {
+                        format!("it ended before it said `{word}`; see {}", self.log.display())
+                    }
                 })
             })?;
             match line.split_once(' ') {
@@ -186,6 +198,9 @@ impl Drop for Peer {
         let _ = self.process.kill();
         let _ = self.process.wait();
         let _ = std::fs::remove_file(&self.picture);
+        if std::fs::metadata(&self.log).is_ok_and(|log| log.len() == 0) {
+            let _ = std::fs::remove_file(&self.log);
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use lightsheaf::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, ra
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::report::{FILES, Machine, Report};
 use lightsheaf::scene::{self, Scene};
-use lightsheaf::settings::{BUDGETS, Method, Settings, UNLIMITED};
+use lightsheaf::settings::{BUDGETS, Method, Settings, UNLIMITED, parse_bounces};
 
 use super::output;
 
@@ -54,8 +54,8 @@ pub struct BenchArgs {
     /// Columns and rows of the pictures [default: what the scene's camera asks for, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = super::view::parse_size)]
     size: Option<(u32, u32)>,
-    /// Indirect bounces: 0 is direct light only
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Settings::default().bounces)]
+    /// Indirect bounces: 0 is direct light only; `unlimited` for path, the reference and peers
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Settings::default().bounces)]
     bounces: u32,
     /// What pictures are held against: an image for each scene, by commas, or auto: rendered once and kept, see --cache
     #[arg(long, value_name = "FILE|auto", value_delimiter = ',', default_value = "auto")]
@@ -157,6 +157,12 @@ fn bench(
         );
     }
 
+    let stripped = variants.iter().any(|v| v.settings.method.shares_subpaths());
+    let without_glass = stripped.then(|| scene.clone().without_glass());
+    for warning in without_glass.iter().flat_map(|s| &s.warnings).filter(|w| !scene.warnings.contains(w)) {
+        eprintln!("warning: {spec}: raster and twin: {warning}");
+    }
+
     // Each on a device of its own, so that times of passes stay apart.
     let bar = bar(args, "{prefix}: starting {msg}");
     bar.set_prefix(spec.to_owned());
@@ -169,6 +175,7 @@ fn bench(
     for (variant, (gpu, opening)) in variants.iter().zip(&opened) {
         bar.set_message(variant.name.clone());
         let began = Instant::now();
+        let scene = without_glass.as_ref().filter(|_| variant.settings.method.shares_subpaths()).unwrap_or(scene);
         let contender = ours(gpu.as_ref(), scene, &sized(&variant.settings))?;
         let mut entry = Entry::new(variant.name.clone(), contender, began)?;
         entry.startup += opening;

@@ -47,3 +47,28 @@ impl Rounds {
         Film { width: self.settings.width, height: self.settings.height, pixels }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin;
+
+    #[test]
+    fn rounds_are_the_picture_of_all_their_samples() {
+        let scene = builtin::load("cornell_area").unwrap();
+        let reference = Reference::new(&scene);
+        let settings = ReferenceSettings { width: 12, height: 8, samples: 7, bounces: Some(2), seed: 3, camera: 0 };
+        let whole = reference.render(&settings, &|_, _| ());
+        let mut rounds = Rounds::new(settings);
+        assert_eq!(rounds.film(), Film::new(12, 8));
+        for samples in [1, 2, 4] {
+            rounds.add(&reference, samples, &|_, _| ());
+        }
+        assert_eq!((rounds.samples(), rounds.rays), (7, whole.rays));
+        for (a, b) in rounds.film().pixels.iter().flatten().zip(whole.film.pixels.iter().flatten()) {
+            assert!((a - b).abs() <= 1e-6 * b.abs(), "{a} {b}");
+        }
+        let other = reference.render(&ReferenceSettings { seed: 4, ..settings }, &|_, _| ());
+        assert_ne!(other.film, whole.film, "samples do differ");
+    }
+}

@@ -21,8 +21,8 @@ const SIZE: (u32, u32) = (760, 460);
 /// Places along a curve where repeats are averaged.
 const PLACES: usize = 48;
 
-/// Okabe and Ito's colours, which are told apart by all eyes; black is for the reference.
-const COLORS: [RGBColor; 7] = [
+/// Okabe and Ito's colours, which are told apart by all eyes, and five darker or purer ones; black is for the reference.
+const COLORS: [RGBColor; 12] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -30,6 +30,11 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     RGBColor(128, 112, 0),
+    RGBColor(160, 0, 0),
+    RGBColor(100, 60, 180),
+    RGBColor(90, 200, 60),
+    RGBColor(110, 70, 40),
+    RGBColor(20, 60, 90),
 ];
 
 /// The repeats of one contender.
@@ -103,7 +108,7 @@ pub fn svg(all: &[Curves], unit: &str, floor: Option<f64>) -> Result<Option<Stri
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
+            .position(SeriesLabelPosition::LowerLeft)
             .label_font(("sans-serif", 14))
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK.mix(0.2))

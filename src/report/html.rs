@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use base64::Engine as _;
 
-use crate::bench::{BenchError, Point};
+use crate::bench::{BenchError, Checkpoint};
 use crate::film::Film;
 use crate::metrics;
 
@@ -91,11 +91,9 @@ fn section(report: &Report, scene: &SceneReport) -> Result<String, BenchError> {
     Ok(out)
 }
 
-fn curves<'a>(scene: &'a SceneReport, value: impl Fn(&crate::bench::Checkpoint) -> f64) -> Vec<Curves<'a>> {
-    let points = |run: &crate::bench::Run| {
-        run.checkpoints.iter().map(|c| Point { seconds: c.seconds, error: value(c) }).collect::<Vec<_>>()
-    };
-    scene.entries.iter().map(|e| Curves { name: &e.name, repeats: e.runs.iter().map(points).collect() }).collect()
+fn curves<'a>(scene: &'a SceneReport, figure: fn(&Checkpoint) -> f64) -> Vec<Curves<'a>> {
+    let repeats = |entry: &EntryReport| entry.runs.iter().map(|run| run.curve(figure)).collect();
+    scene.entries.iter().map(|e| Curves { name: &e.name, repeats: repeats(e) }).collect()
 }
 
 fn figure(entry: &EntryReport, scene: &SceneReport, exposure: f32) -> Result<String, BenchError> {

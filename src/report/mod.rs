@@ -138,7 +138,7 @@ impl Report {
     }
 
     fn entry(&self, entry: &Entry) -> EntryReport {
-        let curves: Vec<_> = entry.runs.iter().map(Run::curve).collect();
+        let curves: Vec<_> = entry.runs.iter().map(|run| run.curve(|c| c.error)).collect();
         let time_to =
             |&target: &f64| curve::median_time(&curves.iter().map(|c| curve::time_to(c, target)).collect::<Vec<_>>());
         let error_at =

@@ -36,7 +36,7 @@ pub fn table(report: &Report, scene: &SceneReport) -> Vec<Vec<String>> {
     let mut heads = vec!["method".to_owned()];
     heads.extend(report.targets.iter().map(|target| format!("s to rel_mse {}", short(*target))));
     heads.extend(report.times.iter().map(|time| format!("rel_mse at {} s", short(*time))));
-    heads.extend(["mean", "samples a repeat", "start-up s", "MB on the device"].map(str::to_owned));
+    heads.extend(["mean_bias", "samples a repeat", "start-up s", "MB on the device"].map(str::to_owned));
     let mut rows = vec![heads];
     rows.extend(scene.entries.iter().map(row));
     rows
