@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use wgpu::naga;
 
+use super::non_finite::Floats;
 use super::{Flags, Gpu, link};
 
 /// Resources by the name that the shader gives them. Names that a shader does not use are ignored.
@@ -15,6 +16,8 @@ type Slots = BTreeMap<String, (u32, u32)>;
 struct Linked {
     module: wgpu::ShaderModule,
     slots: Slots,
+    /// What it may write that holds floats.
+    written: BTreeMap<String, Floats>,
     workgroup: [u32; 3],
 }
 
@@ -31,12 +34,19 @@ fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
         .iter()
         .filter_map(|(_, v)| Some((v.name.clone()?, v.binding.map(|b| (b.group, b.binding))?)))
         .collect();
+    let writes = |v: &naga::GlobalVariable| matches!(v.space, naga::AddressSpace::Storage { access } if access.contains(naga::StorageAccess::STORE));
+    let written = parsed
+        .global_variables
+        .iter()
+        .filter(|(_, v)| writes(v))
+        .filter_map(|(_, v)| Some((v.name.clone()?, Floats::of(&parsed, v.ty)?)))
+        .collect();
     let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(name),
         source: wgpu::ShaderSource::Wgsl(source.into()),
     });
-    Linked { module, slots, workgroup }
+    Linked { module, slots, written, workgroup }
 }
 
 #[expect(clippy::panic, reason = "a missing name is a bug in the pass that forgot it")]
@@ -77,6 +87,7 @@ pub struct Compute {
     label: &'static str,
     pipeline: wgpu::ComputePipeline,
     slots: Slots,
+    written: BTreeMap<String, Floats>,
     workgroup: [u32; 3],
 }
 
@@ -84,7 +95,7 @@ impl Compute {
     /// Links `shader` and builds its one compute entry point; `label` names it in timings and debuggers.
     #[must_use]
     pub fn new(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
-        let Linked { module, slots, workgroup } = load(gpu, shader, flags);
+        let Linked { module, slots, written, workgroup } = load(gpu, shader, flags);
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -97,7 +108,7 @@ impl Compute {
             cache: None,
         });
         gpu.ledger.pipeline(label);
-        Self { label, pipeline, slots, workgroup }
+        Self { label, pipeline, slots, written, workgroup }
     }
 
     /// Records one dispatch that covers `threads` (rounded up to whole workgroups; shaders check their bounds).
@@ -119,6 +130,8 @@ impl Compute {
         let workgroups = [threads[0].div_ceil(self.workgroup[0]), threads[1].div_ceil(self.workgroup[1])];
         gpu.ledger.dispatch(self.label, workgroups);
         pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+        drop(pass);
+        gpu.non_finite.look(gpu, encoder, self.label, &self.written, bindings);
     }
 }
 
