@@ -3,8 +3,7 @@
 //! Seeded, so that every run loads the same files; a failure names the round, and leaves the file where it was loaded from.
 //! `FUZZ_ROUNDS` asks for another number, `FUZZ_SEED` for other files.
 
-#[path = "common/random.rs"]
-mod random;
+mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -13,8 +12,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
+use common::random::Random;
 use lightsheaf::scene::{self, Geometry};
-use random::Random;
 use serde_json::json;
 
 /// Files that are loaded, of both formats together.
@@ -58,9 +57,7 @@ fn gltf_parts() -> (serde_json::Value, Vec<u8>) {
     let sparse_indices = view(vec![1, 3]);
     let sparse_values = view(floats(&[5., 0., 0., 5., 5., 0.]));
     let image = view(png());
-    let accessor = |view: usize, component: u32, count: u32, kind: &str| {
-        json!({ "bufferView": view, "componentType": component, "count": count, "type": kind })
-    };
+    let accessor = |view: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": view, "componentType": component, "count": count, "type": kind });
     let mut sparse = accessor(positions, 5126, 4, "VEC3");
     sparse["sparse"] = json!({ "count": 2, "indices": { "bufferView": sparse_indices, "componentType": 5121 }, "values": { "bufferView": sparse_values } });
     let mut color = accessor(colors, 5121, 4, "VEC4");
@@ -120,7 +117,8 @@ fn gltf_seeds() -> Vec<Seed> {
     let (mut json, data) = gltf_parts();
     let encoded = base64::engine::general_purpose::STANDARD.encode(&data);
     let mut text = json.clone();
-    text["buffers"] = json!([{ "byteLength": data.len(), "uri": format!("data:application/octet-stream;base64,{encoded}") }]);
+    text["buffers"] =
+        json!([{ "byteLength": data.len(), "uri": format!("data:application/octet-stream;base64,{encoded}") }]);
     let mut beside = json.clone();
     beside["buffers"] = json!([{ "byteLength": data.len(), "uri": "data.bin" }]);
     json["buffers"] = json!([{ "byteLength": data.len() }]);
@@ -140,7 +138,7 @@ const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\npr
     property list uchar int vertex_indices\nend_header\n";
 
 fn mitsuba_seeds() -> Vec<Seed> {
-    let xml = br#"<scene version="3.0.0">
+    let xml = br##"<scene version="3.0.0">
 <default name="size" value="2"/>
 <integrator type="path"><integer name="max_depth" value="5"/></integrator>
 <sensor type="thinlens"><float name="fov" value="40"/><string name="fov_axis" value="smaller"/><float name="aperture_radius" value="0.1"/><float name="focus_distance" value="5"/>
@@ -163,8 +161,8 @@ fn mitsuba_seeds() -> Vec<Seed> {
 <shape type="cylinder"><point name="p0" x="0" y="0" z="0"/><point name="p1" x="0" y="0" z="1"/></shape>
 <shape type="cube"><transform name="to_world"><rotate x="1" angle="30"/><scale x="2"/></transform><ref id="bumpy"/></shape>
 <emitter type="spot"><rgb name="intensity" value="1, 2, 3"/><float name="cutoff_angle" value="30"/></emitter>
-<emitter type="sunsky"><float name="turbidity" value="3"/></emitter>
-</scene>"#
+<emitter type="constant"><rgb name="radiance" value="0.1"/></emitter>
+</scene>"##
         .to_vec();
     let ascii = (PLY.to_owned() + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").into_bytes();
     let mut binary = PLY.replace("ascii", "binary_little_endian").into_bytes();
@@ -201,44 +199,65 @@ fn serialized() -> Vec<u8> {
 }
 
 /// What parsers trip over.
-const SPICE: &[&str] = &[
-    "-1", "0", "nan", "inf", "1e39", "-1e-46", "99999999999", "4294967295", "2147483648", "18446744073709551615", "\"", "<", ">", "$",
-    "$size", "[", "]", "{", "}", "null", "true", "\\u0000", "/", "\n", "..", "\u{ff}",
+const SPICE: &[&str] =
+    &["\"", "<", ">", "$", "$size", "[", "]", "{", "}", "null", "true", "\\u0000", "/", "\n", "..", "\u{ff}", "-1"];
+/// Numbers that are no counts, no indices or no coordinates.
+const NUMBERS: &[&str] = &[
+    "-1",
+    "0",
+    "1",
+    "2",
+    "0.5",
+    "7",
+    "33",
+    "255",
+    "65535",
+    "nan",
+    "inf",
+    "1e39",
+    "1e30",
+    "-1e-46",
+    "99999999999",
+    "4294967295",
+    "2147483648",
+    "18446744073709551615",
 ];
-const WORDS: &[u32] = &[0, 1, 0x7f, 0xff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7f80_0000, 0x7fc0_0000, 0x0001_0000, 4096];
+const WORDS: &[u32] =
+    &[0, 1, 0x7f, 0xff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7f80_0000, 0x7fc0_0000, 0x0001_0000, 4096];
 
-/// Changes, removes, doubles, moves or inserts a few bytes, or puts an odd number where one was.
+/// Puts odd numbers where some were; less often changes, removes, doubles, moves or inserts a few bytes.
 fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
-    for _ in 0..=random.below(3) {
+    for _ in 0..=random.below(2) {
         if bytes.is_empty() {
             bytes.push(b' ');
         }
         let at = random.below(bytes.len() as u64);
         let end = (at + 1 + random.below(24)).min(bytes.len());
-        let spice = SPICE[random.below(SPICE.len() as u64)].bytes();
-        match random.below(12) {
-            0 | 1 if bytes[at].is_ascii_digit() => bytes[at] = b'0' + random.below(10) as u8,
-            0 | 1 => bytes[at] = random.below(256) as u8,
-            2 => bytes[at] ^= 1 << random.below(8),
-            3 => drop(bytes.drain(at..end)),
-            4 => {
-                let piece = bytes[at..end].to_vec();
-                let to = random.below(bytes.len() as u64);
-                drop(bytes.splice(to..to, piece));
-            }
-            5 => drop(bytes.splice(at..at, spice)),
-            6..=8 => {
+        match random.below(20) {
+            0..=9 => {
                 // The next number, whole.
                 let is_part = |b: &u8| b.is_ascii_digit() || matches!(b, b'.' | b'-');
                 let Some(from) = bytes[at..].iter().position(u8::is_ascii_digit).map(|i| at + i) else { continue };
                 let to = bytes[from..].iter().position(|b| !is_part(b)).map_or(bytes.len(), |i| from + i);
-                drop(bytes.splice(from..to, spice));
+                drop(bytes.splice(from..to, NUMBERS[random.below(NUMBERS.len() as u64)].bytes()));
             }
-            9 if bytes.len() >= 4 => {
+            10..=12 => {
+                let Some(digit) = bytes[at..].iter().position(u8::is_ascii_digit) else { continue };
+                bytes[at + digit] = b'0' + random.below(10) as u8;
+            }
+            13 if bytes.len() >= 4 => {
                 let at = at.min(bytes.len() - 4);
                 bytes[at..at + 4].copy_from_slice(&WORDS[random.below(WORDS.len() as u64)].to_le_bytes());
             }
-            10 => bytes[at..end].reverse(),
+            14 => bytes[at] = random.below(256) as u8,
+            15 => bytes[at] ^= 1 << random.below(8),
+            16 => drop(bytes.drain(at..end)),
+            17 => {
+                let piece = bytes[at..end].to_vec();
+                let to = random.below(bytes.len() as u64);
+                drop(bytes.splice(to..to, piece));
+            }
+            18 => drop(bytes.splice(at..at, SPICE[random.below(SPICE.len() as u64)].bytes())),
             _ => bytes.truncate(at.max(1)),
         }
     }
@@ -406,7 +425,13 @@ fn planted_faults_are_seen() {
     assert_eq!(outcome(|| Err("line 1: wrong".to_owned()), 100), Outcome::Refused);
     assert_eq!(outcome(|| Err(String::new()), 100), Outcome::Wrong("an error without a cause".to_owned()));
     assert_eq!(outcome(|| panic!("planted"), 100), Outcome::Wrong("it panicked".to_owned()));
-    let slow = outcome(|| { std::thread::sleep(TIME_LIMIT + Duration::from_millis(20)); Ok(1) }, 100);
+    let slow = outcome(
+        || {
+            std::thread::sleep(TIME_LIMIT + Duration::from_millis(20));
+            Ok(1)
+        },
+        100,
+    );
     assert!(matches!(&slow, Outcome::Wrong(what) if what.contains("took")), "{slow:?}");
     // As much again as is allowed, touched, and given back.
     let large = || Ok(vec![1_u8; 2 * MEMORY_FLOOR as usize].iter().map(|b| usize::from(*b)).sum());
