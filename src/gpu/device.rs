@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use super::pass::Pipelines;
 use super::{Ledger, NonFinite, Timings};
 
 /// Why no device could be had, or what it said.
@@ -84,6 +85,7 @@ pub struct Gpu {
     pub ledger: Ledger,
     /// Where values that are not finite come from.
     pub non_finite: NonFinite,
+    pub(super) pipelines: Pipelines,
     first_error: Arc<Mutex<Option<String>>>,
 }
 
@@ -183,6 +185,7 @@ impl Gpu {
             timings,
             ledger,
             non_finite: NonFinite::default(),
+            pipelines: Pipelines::default(),
             first_error,
         })
     }
