@@ -99,12 +99,13 @@ impl Frame {
         let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.samples, c.s, c.j))).collect();
         let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.samples, 0, e.j))).collect();
         // What depends on the way from y0.
-        let pattern: &[&str] = if plan.light_flags.contains(&"PATTERNS") { &["PATTERNS"] } else { &[] };
+        let sent = plan.light_flags.iter().filter(|flag| matches!(**flag, "PUNCTUAL" | "PATTERNS"));
+        let sent: &[&str] = &sent.copied().collect::<Vec<_>>();
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
         let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
         for c in &plan.connections {
             if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                let from_y0 = if c.s == 1 { [rsm, pattern].concat() } else { Vec::new() };
+                let from_y0 = if c.s == 1 { [rsm, sent].concat() } else { Vec::new() };
                 let flags = with(&[visibility, &from_y0].concat());
                 connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
             }
@@ -140,11 +141,11 @@ impl Frame {
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
             light_pool: plan.has_pool().then(|| {
-                LightPool::new(gpu, &with(pattern), &with(visibility), plan.light_pool, plan.band_pixels(settings))
+                LightPool::new(gpu, &with(sent), &with(visibility), plan.light_pool, plan.band_pixels(settings))
             }),
-            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, pattern].concat()))),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, sent].concat()))),
             light_subpath: (plan.light_vertices > 1)
-                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, pattern].concat()))),
+                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, sent].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections,

@@ -8,7 +8,9 @@ use crate::acceleration::Acceleration;
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
 use crate::light_table::LightTable;
-use crate::scene::{Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Scalar, Scene, Sides, TextureRef, Wrap};
+use crate::scene::{
+    Boundary, Bsdf, Color, EnvironmentMap, Filter, Fresnel, Geometry, Image, Scalar, Scene, Sides, TextureRef, Wrap,
+};
 
 const NONE: u32 = u32::MAX;
 
@@ -39,19 +41,24 @@ pub struct GpuScene {
     attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
-    texture_uses: wgpu::Buffer,
+    textures: Option<Textures>,
+    environment_map: Option<wgpu::TextureView>,
+    sphere: (Vec3, f32),
+    lighting: wgpu::Buffer,
+    /// By the shaders' name; what a scene has none of is not there.
+    tables: Vec<(&'static str, wgpu::Buffer)>,
+}
+
+/// What materials look up, where any does.
+struct Textures {
+    uses: wgpu::Buffer,
     texels: wgpu::TextureView,
     texels_srgb: wgpu::TextureView,
     bilinear: wgpu::Sampler,
-    environment_map: wgpu::TextureView,
-    sphere: (Vec3, f32),
-    lighting: wgpu::Buffer,
-    lights: wgpu::Buffer,
-    light_sums: wgpu::Buffer,
-    emitters: wgpu::Buffer,
-    patterns: wgpu::Buffer,
-    sky_table: wgpu::Buffer,
 }
+
+/// Tables that only some scenes have.
+const TABLES: [&str; 5] = ["lights", "light_sums", "emitters", "patterns", "sky_table"];
 
 impl GpuScene {
     /// Uploads. An empty scene becomes one triangle without area, which nothing meets.
@@ -106,61 +113,71 @@ impl GpuScene {
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
-        let texture_uses =
-            if atlas.uses.is_empty() { vec![layouts::TextureUse::default()] } else { std::mem::take(&mut atlas.uses) };
-
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");
         gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
         let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
-        let (width, height) = map.map_or((1, 1), |m| (m.width, m.height));
-        if width.max(height) > gpu.capabilities.max_texture_side {
-            return Err(GpuError::Device(format!(
-                "the environment map is {width}x{height}; the adapter's limit is {}: scale it down",
-                gpu.capabilities.max_texture_side
-            )));
-        }
-        let rgba: Vec<[f32; 4]> =
-            map.map_or(vec![[0.0; 4]], |m| m.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect());
-        let environment_texture = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [width, height, 1]);
-        write_texture(gpu, &environment_texture, [0, 0, 0], [width, height], 16, bytemuck::cast_slice(&rgba));
-
-        let bytes = (positions.len() * 16
-            + size_of_val(attributes.as_slice())
-            + size_of_val(triangles.as_slice())
-            + size_of_val(materials.as_slice())
-            + size_of_val(texture_uses.as_slice())
-            + rgba.len() * 16
-            + size_of_val(lights.records.as_slice())
-            + 4 * (lights.sums.len() + 2 * lights.emitters.len() + lights.sky_shares.len())
-            + 16 * lights.patterns.len()) as u64
-            + atlas.bytes;
+        let environment_map = map.map(|map| upload_map(gpu, map)).transpose()?;
+        let attributes = gpu.upload("attributes", &attributes);
+        let triangle_buffer = gpu.upload("triangles", &triangles);
+        let materials = gpu.upload("materials", &materials);
+        let bytes_of_tables: [&[u8]; 5] = [
+            // The table of no light holds one that never shines.
+            bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records }),
+            bytemuck::cast_slice(&lights.sums),
+            bytemuck::cast_slice(&lights.emitters),
+            bytemuck::cast_slice(&lights.patterns),
+            bytemuck::cast_slice(&lights.sky_shares),
+        ];
+        let tables = TABLES.into_iter().zip(bytes_of_tables).filter(|(_, data)| !data.is_empty());
+        let tables: Vec<_> = tables.map(|(name, data)| (name, gpu.upload(name, data))).collect();
+        let positions = upload_positions(gpu, &positions);
+        let mut bytes =
+            [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
+        bytes += tables.iter().map(|(_, table)| table.size()).sum::<u64>();
+        bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
+        let textures = atlas.finish(gpu);
+        bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
         Ok(Self {
             triangles: triangles.len() as u32,
             bounds: geometry.bounds,
             sphere: geometry.sphere(),
             bytes,
-            positions: upload_positions(gpu, &positions),
+            positions,
             acceleration: None,
-            attributes: gpu.upload("attributes", &attributes),
-            triangle_buffer: gpu.upload("triangles", &triangles),
-            materials: gpu.upload("materials", &materials),
-            texture_uses: gpu.upload("texture_uses", &texture_uses),
-            texels: atlas.view(wgpu::TextureFormat::Rgba8Unorm),
-            texels_srgb: atlas.view(wgpu::TextureFormat::Rgba8UnormSrgb),
-            bilinear: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("bilinear"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
-            environment_map: environment_texture.create_view(&Default::default()),
+            attributes,
+            triangle_buffer,
+            materials,
+            textures,
+            environment_map,
             lighting,
-            lights: gpu.upload("lights", &lights.records),
-            light_sums: gpu.upload("light_sums", &lights.sums),
-            emitters: gpu.upload("emitters", &lights.emitters),
-            patterns: gpu.upload("patterns", &lights.patterns),
-            sky_table: gpu.upload("sky_table", &lights.sky_shares),
+            tables,
         })
+    }
+
+    /// Puts tables of nothing in the place of lights, where there is none: for shaders that always ask how many there are.
+    pub fn stand_in_for_lights(&mut self, gpu: &Gpu) {
+        self.stand_in_for(gpu, &TABLES[..2]);
+    }
+
+    /// Puts something of the least size in the place of all that the scene has none of: for shaders with code for it.
+    pub fn stand_in(&mut self, gpu: &Gpu) {
+        self.stand_in_for(gpu, &TABLES);
+        self.environment_map.get_or_insert_with(|| {
+            texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [1, 1, 1])
+                .create_view(&Default::default())
+        });
+        if self.textures.is_none() {
+            let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
+            self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
+        }
+    }
+
+    fn stand_in_for(&mut self, gpu: &Gpu, tables: &[&'static str]) {
+        for &name in tables {
+            if !self.tables.iter().any(|(there, _)| *there == name) {
+                self.tables.push((name, gpu.storage(name, 256)));
+            }
+        }
     }
 
     /// The bindings of group 0 and of ray queries, followed by a pass's own.
@@ -174,18 +191,18 @@ impl GpuScene {
             ("attributes", self.attributes.as_entire_binding()),
             ("triangles", self.triangle_buffer.as_entire_binding()),
             ("materials", self.materials.as_entire_binding()),
-            ("texture_uses", self.texture_uses.as_entire_binding()),
-            ("texels", wgpu::BindingResource::TextureView(&self.texels)),
-            ("texels_srgb", wgpu::BindingResource::TextureView(&self.texels_srgb)),
-            ("bilinear", wgpu::BindingResource::Sampler(&self.bilinear)),
-            ("environment_map", wgpu::BindingResource::TextureView(&self.environment_map)),
             ("lighting", self.lighting.as_entire_binding()),
-            ("lights", self.lights.as_entire_binding()),
-            ("light_sums", self.light_sums.as_entire_binding()),
-            ("emitters", self.emitters.as_entire_binding()),
-            ("patterns", self.patterns.as_entire_binding()),
-            ("sky_table", self.sky_table.as_entire_binding()),
         ];
+        if let Some(textures) = &self.textures {
+            all.extend([
+                ("texture_uses", textures.uses.as_entire_binding()),
+                ("texels", wgpu::BindingResource::TextureView(&textures.texels)),
+                ("texels_srgb", wgpu::BindingResource::TextureView(&textures.texels_srgb)),
+                ("bilinear", wgpu::BindingResource::Sampler(&textures.bilinear)),
+            ]);
+        }
+        all.extend(self.environment_map.iter().map(|m| ("environment_map", wgpu::BindingResource::TextureView(m))));
+        all.extend(self.tables.iter().map(|(name, table)| (*name, table.as_entire_binding())));
         all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
         all.extend_from_slice(own);
         all
@@ -194,8 +211,13 @@ impl GpuScene {
     /// Uploads other probabilities of the same lights.
     pub fn relight(&self, gpu: &Gpu, lights: &LightTable) {
         gpu.queue.write_buffer(&self.lighting, 0, bytemuck::bytes_of(&lights.lighting));
-        gpu.queue.write_buffer(&self.lights, 0, bytemuck::cast_slice(&lights.records));
-        gpu.queue.write_buffer(&self.light_sums, 0, bytemuck::cast_slice(&lights.sums));
+        for (name, table) in &self.tables {
+            match *name {
+                "lights" => gpu.queue.write_buffer(table, 0, bytemuck::cast_slice(&lights.records)),
+                "light_sums" => gpu.queue.write_buffer(table, 0, bytemuck::cast_slice(&lights.sums)),
+                _ => {}
+            }
+        }
     }
 
     /// Builds what ray queries need.
@@ -223,6 +245,44 @@ fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
         return gpu.upload("positions", positions);
     }
     gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE)
+}
+
+/// An environment's map as a texture.
+fn upload_map(gpu: &Gpu, map: &EnvironmentMap) -> Result<wgpu::TextureView, GpuError> {
+    let [width, height] = [map.width, map.height];
+    if width.max(height) > gpu.capabilities.max_texture_side {
+        return Err(GpuError::Device(format!(
+            "the environment map is {width}x{height}; the adapter's limit is {}: scale it down",
+            gpu.capabilities.max_texture_side
+        )));
+    }
+    let rgba: Vec<[f32; 4]> = map.texels.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
+    let texels = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [width, height, 1]);
+    write_texture(gpu, &texels, [0, 0, 0], [width, height], 16, bytemuck::cast_slice(&rgba));
+    Ok(texels.create_view(&Default::default()))
+}
+
+impl Textures {
+    fn new(gpu: &Gpu, array: &wgpu::Texture, uses: &[layouts::TextureUse]) -> Self {
+        let view = |format| {
+            array.create_view(&wgpu::TextureViewDescriptor {
+                format: Some(format),
+                dimension: Some(wgpu::TextureViewDimension::D2Array),
+                ..Default::default()
+            })
+        };
+        Self {
+            uses: gpu.upload("texture_uses", uses),
+            texels: view(wgpu::TextureFormat::Rgba8Unorm),
+            texels_srgb: view(wgpu::TextureFormat::Rgba8UnormSrgb),
+            bilinear: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("bilinear"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+        }
+    }
 }
 
 fn texture(gpu: &Gpu, label: &str, format: wgpu::TextureFormat, [width, height, layers]: [u32; 3]) -> wgpu::Texture {
@@ -268,7 +328,8 @@ type Tile = (usize, [Wrap; 2]);
 
 /// All images that materials use, packed in shelves into the layers of one texture array, each with a border of one texel.
 struct Atlas {
-    texture: wgpu::Texture,
+    /// None without an image.
+    texture: Option<wgpu::Texture>,
     bytes: u64,
     /// Per tile: layer, x, y of the image without its border.
     places: BTreeMap<(usize, [u32; 2]), [u32; 3]>,
@@ -282,6 +343,9 @@ impl Atlas {
             if !tiles.contains(&(t.image, t.wrap)) {
                 tiles.push((t.image, t.wrap));
             }
+        }
+        if tiles.is_empty() {
+            return Ok(Self { texture: None, bytes: 0, places: BTreeMap::new(), uses: Vec::new() });
         }
         let size = |tile: &Tile| [scene.images[tile.0].width + 2, scene.images[tile.0].height + 2];
         tiles.sort_by_key(|t| std::cmp::Reverse(size(t)[1]));
@@ -325,19 +389,18 @@ impl Atlas {
             write_texture(gpu, &array, [x - 1, y - 1, layer], size(tile), 4, bytemuck::cast_slice(&bordered));
         }
         Ok(Self {
-            texture: array,
+            texture: Some(array),
             bytes: 4 * u64::from(side) * u64::from(side) * u64::from(layer + 1),
             places,
             uses: Vec::new(),
         })
     }
 
-    fn view(&self, format: wgpu::TextureFormat) -> wgpu::TextureView {
-        self.texture.create_view(&wgpu::TextureViewDescriptor {
-            format: Some(format),
-            dimension: Some(wgpu::TextureViewDimension::D2Array),
-            ..Default::default()
-        })
+    /// What passes bind: nothing without an image. Uses may be none where no material looks at any.
+    fn finish(&self, gpu: &Gpu) -> Option<Textures> {
+        let none = [layouts::TextureUse::default()];
+        let uses = if self.uses.is_empty() { &none[..] } else { &self.uses };
+        self.texture.as_ref().map(|array| Textures::new(gpu, array, uses))
     }
 
     /// Records a use and gives the slot: its index, with the channel above it.

@@ -72,6 +72,11 @@
 //! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the others: one path,
 //!   or one subpath of either side, for each pixel.
 //!
+//! # Under stress
+//!
+//! [`stress`] is a battery of odd scenes, sizes and values, each with what is right; [`gpu::NonFinite`] says which pass made a
+//! value that is not finite.
+//!
 //! # Import rules
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
@@ -107,4 +112,5 @@ pub mod report;
 pub mod sampler;
 pub mod scene;
 pub mod settings;
+pub mod stress;
 pub mod view;

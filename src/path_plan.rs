@@ -53,6 +53,7 @@ impl PathPlan {
             ("SPECULAR", glossy),
             ("TRANSMISSION", glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
             ("MASKS", stats.masked_triangles > 0),
+            ("PUNCTUAL", stats.lights > 0),
             ("PATTERNS", stats.patterns),
             ("EMISSION", stats.emissive_triangles > 0),
             ("ENVIRONMENT", stats.environment),

@@ -84,6 +84,7 @@ impl<'gpu> PathRenderer<'gpu> {
             light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
         }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        gpu_scene.stand_in_for_lights(gpu);
         gpu_scene.accelerate(gpu, scene, &geometry)?;
         let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
         let constants = layouts::Paths {

@@ -77,7 +77,7 @@ pub struct FramePlan {
     pub passes: Vec<PlannedPass>,
     /// Flags of shaders that read surfaces.
     pub surface_flags: Vec<&'static str>,
-    /// Flags of light that eye subpaths can meet.
+    /// Flags of light: of what has to be sampled, of its patterns, and of what eye subpaths can meet.
     pub light_flags: Vec<&'static str>,
     /// Light vertices that exist: 0 without lights, otherwise the light and up to two VPLs.
     pub light_vertices: u32,
@@ -190,6 +190,9 @@ impl FramePlan {
         flag("GLOSSY", stats.glossy_triangles > 0);
         flag("MASKS", stats.masked_triangles > 0);
         let mut light_flags = Vec::new();
+        if stats.lights > 0 {
+            light_flags.push("PUNCTUAL");
+        }
         if stats.patterns {
             light_flags.push("PATTERNS");
         }
@@ -493,7 +496,7 @@ impl fmt::Display for FramePlan {
         writeln!(
             f,
             "light code     {}",
-            if self.light_flags.is_empty() { "punctual only".to_owned() } else { self.light_flags.join(" ") }
+            if self.light_flags.is_empty() { "none".to_owned() } else { self.light_flags.join(" ") }
         )?;
         writeln!(
             f,

@@ -90,9 +90,23 @@ impl<'gpu> Renderer<'gpu> {
     /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
     /// [`RenderError::Gpu`].
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::of(gpu, scene, settings, None)
+    }
+
+    /// The same for a scene of which other facts are believed: what these say is there has its passes, its code and its buffers,
+    /// whether there is any or not. What skipping saves is measured against it.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn forced(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, facts: SceneStats) -> Result<Self, RenderError> {
+        Self::of(gpu, scene, settings, Some(facts))
+    }
+
+    fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let geometry = Geometry::new(scene);
-        let stats = SceneStats::new(scene, &geometry);
+        let is_forced = forced.is_some();
+        let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
         check_size(gpu, settings, u64::MAX)?;
@@ -107,6 +121,9 @@ impl<'gpu> Renderer<'gpu> {
         let even = settings.light_sampling == Some(LightSampling::Uniform);
         let mut table = if even { table.even() } else { table };
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        if is_forced {
+            gpu_scene.stand_in(gpu);
+        }
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }

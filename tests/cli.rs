@@ -84,7 +84,7 @@ fn rendered(output: &str, more: &[&str]) -> Vec<u8> {
 #[test]
 fn help_and_version() {
     let help = succeed(&["--help"]);
-    for command in ["render", "compare", "bench", "plan", "scenes"] {
+    for command in ["render", "compare", "bench", "plan", "stress", "scenes"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command} is not in: {help}");
         assert!(succeed(&[command, "--help"]).contains("Usage: lightsheaf"));
     }
@@ -97,8 +97,9 @@ fn readme_shows_real_options() {
     let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
     let readme: Vec<&str> = readme.split('`').filter(|span| !span.starts_with("cargo ")).collect();
     let readme = readme.join("`");
-    let help: String =
-        ["render", "compare", "bench", "plan", "scenes"].map(|command| succeed(&[command, "--help"])).concat();
+    let help: String = ["render", "compare", "bench", "plan", "stress", "scenes"]
+        .map(|command| succeed(&[command, "--help"]))
+        .concat();
     let known = |option: &str| help.split([' ', ',', '\n', '`']).any(|word| word == option);
     let is_option = |word: &&str| word.starts_with("--") && word.len() > 2;
     let shown: Vec<&str> = readme.split([' ', ',', '\n', '`', '[', ']', '=']).filter(is_option).collect();
@@ -106,6 +107,45 @@ fn readme_shows_real_options() {
     let unknown: Vec<_> = shown.into_iter().filter(|option| !known(option)).collect();
     assert!(unknown.is_empty(), "{unknown:?}");
     assert!(!known("--no-such-option"));
+}
+
+#[test]
+fn stress_prints_a_table_or_json() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let table = succeed(&["stress", "--short", "empty"]);
+    assert!(table.contains("empty scene") && table.contains("right") && table.contains("1 of 1 right"), "{table}");
+    let report: Value = serde_json::from_str(&succeed(&["stress", "--short", "--json", "one "])).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    let names: Vec<_> = rows.iter().map(|row| row["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["scale of zero on one axis", "one pixel", "one triangle"]);
+    assert!(rows.iter().all(|row| row["passed"] == true && row["method"] == "raster" && row["right"].is_string()));
+    assert!(report["failed"] == 0 && report["device"].is_string() && report["version"] == env!("CARGO_PKG_VERSION"));
+    fail(&["stress", "no such case"], "there are: scale 1e-6");
+}
+
+#[test]
+fn values_are_checked_after_each_pass_where_that_is_asked_for() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("check-values");
+    let stats = |more: &[&str]| -> Value {
+        let json = folder.path("s.json");
+        rendered(&folder.path("a.exr"), &[&["--stats", json.as_str()], more].concat());
+        serde_json::from_str(&std::fs::read_to_string(json).unwrap()).unwrap()
+    };
+    assert_eq!(stats(&[])["non_finite_after"].as_array().unwrap().len(), 0);
+    let checked = stats(&["--check-values"]);
+    let after = checked["non_finite_after"].as_array().unwrap();
+    assert!(after.len() > 5 && after.iter().all(|pass| pass[1] == 0), "{after:?}");
+    assert!(checked["passes"]["non_finite"]["runs"].as_u64() > Some(10));
+    let out = folder.path("b.exr");
+    fail(
+        &["render", "builtin:furnace", "-o", out.as_str(), "--method", "reference", "--check-values"],
+        "--check-values: the reference",
+    );
 }
 
 #[test]

@@ -65,7 +65,7 @@ fn weights_sum_to_one() {
 
 /// Asks for draws or densities.
 fn ask(gpu: &Gpu, light: &LightRecord, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
-    let pass = Compute::new(gpu, "light_draws", "light_draws", &["RSM"]);
+    let pass = Compute::new(gpu, "light_draws", "light_draws", &["RSM", "PUNCTUAL"]);
     let y0 = LightPoint { kind: light.kind, direction: light.direction, p: 1.0, ..Default::default() };
     let y0 = gpu.upload("y0", &[LightPoint { two_sided: light.trail, ..y0 }]);
     let lighting = gpu.uniform::<Lighting>("lighting");

@@ -56,6 +56,9 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && !(has("FAST") && has("RAY_QUERY"))
         // Who chooses asks for no visibility.
         && !(has("CHOOSE") && (has("FAST") || has("RAY_QUERY")))
+        // Patterns and tables are of lights that have to be sampled.
+        && (!has("PATTERNS") || has("PUNCTUAL"))
+        && (!has("RSM") || has("PUNCTUAL"))
         && (!has("RSM") || has("LIGHT") || pass != "connect")
         && !(has("CLAMPED") && has("LIGHT"))
         // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.

@@ -1,12 +1,14 @@
-//! The command line: `render`, `compare`, `bench`, `plan`, `scenes`.
+//! The command line: `render`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
-//! Exit codes: 0 done; 1 a threshold of `compare` is exceeded; 2 an error, printed once on stderr as `error: ...`.
+//! Exit codes: 0 done; 1 a threshold of `compare` is exceeded, or a case of `stress` is wrong; 2 an error, printed once on stderr as
+//! `error: ...`.
 //! Results go to stdout or to the files asked for; warnings, progress and the closing line go to stderr.
 
 mod bench;
 mod compare;
 mod output;
 mod render;
+mod stress;
 mod view;
 
 use std::fmt::Display;
@@ -21,6 +23,7 @@ use lightsheaf::path_plan::PathPlan;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::scene::{self, Geometry, SceneStats};
 use lightsheaf::settings::Method;
+use lightsheaf::stress::messages::Listener;
 
 use view::ViewArgs;
 
@@ -34,7 +37,7 @@ struct Cli {
     command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded, 2 an error.";
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded or a case of stress is wrong, 2 an error.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -46,6 +49,8 @@ enum Command {
     Bench(Box<bench::BenchArgs>),
     /// Print what a render would do, pass by pass with the reason, without rendering
     Plan(Box<PlanArgs>),
+    /// Render odd scenes, sizes and values, and say which come out wrong on this device
+    Stress(stress::StressArgs),
     /// List the scenes that need no file, and the kinds of files that are read
     Scenes,
 }
@@ -62,7 +67,12 @@ struct PlanArgs {
 /// Parses the arguments and runs the command.
 pub fn run() -> ExitCode {
     // Errors are printed here and once; RUST_LOG shows what the libraries say beside them.
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).init();
+    let logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).build();
+    // Validation layers speak in warnings and errors, which `stress` listens to.
+    let level = logger.filter().max(log::LevelFilter::Warn);
+    if log::set_boxed_logger(Box::new(Listener(logger))).is_ok() {
+        log::set_max_level(level);
+    }
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(e) => {
@@ -76,6 +86,7 @@ pub fn run() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),
+        Command::Stress(args) => stress::run(&args),
         Command::Scenes => scenes().map(|()| ExitCode::SUCCESS),
     };
     done.unwrap_or_else(|e| {

@@ -38,6 +38,9 @@ pub struct RenderArgs {
     /// Write counts, times, settings and the plan as JSON
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
+    /// After each pass, count values that are not finite, and say which pass was the first; slower; the reference has no passes
+    #[arg(long)]
+    check_values: bool,
     /// Neither progress nor closing line; warnings and errors stay
     #[arg(short, long)]
     quiet: bool,
@@ -59,6 +62,8 @@ struct Stats<'a> {
     bytes: u64,
     scene_bytes: u64,
     non_finite: u64,
+    /// With `--check-values`: what passes left, in the order in which they first ran.
+    non_finite_after: Vec<(&'static str, u64)>,
     lost_nodes: u64,
     /// Iterations that were redone with more room.
     redone: u64,
@@ -107,6 +112,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
 /// Everything about the output that can be wrong before there is one; returns the factor of the exposure.
 fn check_outputs(args: &RenderArgs) -> Result<f32> {
     output::check(&args.output, &["exr", "png"])?;
+    if args.check_values && args.view.settings.method == Method::Reference {
+        bail!("--check-values: the reference has no passes; use any other method");
+    }
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
     }
@@ -145,6 +153,7 @@ impl Job<'_> {
     fn raster(&self) -> Result<()> {
         let began = Instant::now();
         let gpu = super::open(self.settings.method)?;
+        gpu.non_finite.watch(&gpu, self.args.check_values);
         let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let plan = renderer.plan();
@@ -174,6 +183,7 @@ impl Job<'_> {
     fn paths(&self) -> Result<()> {
         let began = Instant::now();
         let gpu = super::open(self.settings.method)?;
+        gpu.non_finite.watch(&gpu, self.args.check_values);
         let mut renderer = PathRenderer::new(&gpu, self.scene, self.settings)?;
         let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
         let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
@@ -226,6 +236,7 @@ impl Job<'_> {
             }
         }
         let film = renderer.film()?;
+        let non_finite_after = gpu.non_finite.counts(gpu)?;
         bar.finish_and_clear();
         let render = began.elapsed().as_secs_f64();
         let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } = renderer.stats();
@@ -236,6 +247,7 @@ impl Job<'_> {
             bytes,
             scene_bytes,
             non_finite,
+            non_finite_after,
             lost_nodes,
             redone,
             passes,
@@ -292,6 +304,7 @@ impl Job<'_> {
             bytes: 0,
             scene_bytes: 0,
             non_finite: 0,
+            non_finite_after: Vec::new(),
             lost_nodes: 0,
             redone: 0,
             demands: Vec::new(),
@@ -321,7 +334,12 @@ impl Job<'_> {
 
     fn finish(&self, film: &Film, stats: &Stats) -> Result<()> {
         if stats.non_finite > 0 {
-            eprintln!("warning: {} values are not finite; please report the scene and the settings", stats.non_finite);
+            let first = stats.non_finite_after.iter().find(|(_, count)| *count > 0);
+            let first = first.map(|(pass, _)| format!(", first after the pass {pass}")).unwrap_or_default();
+            eprintln!(
+                "warning: {} values are not finite{first}; please report the scene and the settings",
+                stats.non_finite
+            );
         }
         let path: &Path = &self.args.output;
         film.save_exposed(path, self.exposure)?;

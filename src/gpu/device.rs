@@ -2,7 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
-use super::{Ledger, Timings};
+use super::pass::Pipelines;
+use super::{Ledger, NonFinite, Timings};
 
 /// Why no device could be had, or what it said.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -82,6 +83,9 @@ pub struct Gpu {
     pub timings: Timings,
     /// What the device was asked for.
     pub ledger: Ledger,
+    /// Where values that are not finite come from.
+    pub non_finite: NonFinite,
+    pub(super) pipelines: Pipelines,
     first_error: Arc<Mutex<Option<String>>>,
 }
 
@@ -92,7 +96,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
     pub fn new() -> Result<Self, GpuError> {
-        Self::open(false)
+        Self::open(false, false)
     }
 
     /// The same, with ray queries.
@@ -100,15 +104,27 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoRayQueries`] where the adapter has none; otherwise as [`Self::new`].
     pub fn with_ray_queries() -> Result<Self, GpuError> {
-        Self::open(true)
+        Self::open(true, false)
     }
 
-    fn open(ray_queries: bool) -> Result<Self, GpuError> {
+    /// Either of the two, with the driver's validation layers where they are installed; what they say is logged by `wgpu_hal`.
+    ///
+    /// # Errors
+    /// As [`Self::new`] or [`Self::with_ray_queries`].
+    pub fn validated(ray_queries: bool) -> Result<Self, GpuError> {
+        Self::open(ray_queries, true)
+    }
+
+    fn open(ray_queries: bool, validated: bool) -> Result<Self, GpuError> {
         let descriptor = wgpu::InstanceDescriptor {
             backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
             ..wgpu::InstanceDescriptor::new_without_display_handle()
         };
-        let instance = wgpu::Instance::new(descriptor.with_env());
+        let mut descriptor = descriptor.with_env();
+        if validated {
+            descriptor.flags |= wgpu::InstanceFlags::VALIDATION;
+        }
+        let instance = wgpu::Instance::new(descriptor);
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             ..Default::default()
@@ -137,6 +153,13 @@ impl Gpu {
         .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), cause: e.to_string() })?;
         let first_error = Arc::new(Mutex::new(None));
         let sink = Arc::clone(&first_error);
+        device.set_device_lost_callback(move |reason, message| {
+            // Whatever else it reports comes from this.
+            if let Ok(mut first) = sink.lock() {
+                *first = Some(format!("it was lost ({reason:?}): {message}"));
+            }
+        });
+        let sink = Arc::clone(&first_error);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             log::error!("graphics device: {error}");
             if let Ok(mut first) = sink.lock() {
@@ -161,6 +184,8 @@ impl Gpu {
             queue,
             timings,
             ledger,
+            non_finite: NonFinite::default(),
+            pipelines: Pipelines::default(),
             first_error,
         })
     }

@@ -4,7 +4,7 @@
 //! Every request of ours to wgpu goes through here, so that a test can hold a plan against the device's own account of it, and a
 //! regression guard can count work where clocks are not to be trusted.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
 /// Work that one pass recorded.
@@ -37,8 +37,11 @@ impl Allocated {
 /// Everything asked for since the device was opened or [`Ledger::reset`]. What was freed again stays counted.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
-    /// Pipelines by label, with how many were created.
+    /// Pipelines by label, with how often they were asked for; the device makes each once.
     pub pipelines: BTreeMap<String, u64>,
+    /// Functions of the shaders that these pipelines were made from, by label.
+    #[serde(skip)]
+    pub functions: BTreeMap<String, BTreeSet<String>>,
     /// Passes by label.
     pub passes: BTreeMap<String, Recorded>,
     /// Buffers by label. Copies that the CPU reads are called `read back`.
@@ -96,8 +99,11 @@ impl Ledger {
         device.create_texture(descriptor)
     }
 
-    pub(super) fn pipeline(&self, label: &str) {
-        self.write(|counts| *entry(&mut counts.pipelines, Some(label)) += 1);
+    pub(super) fn pipeline(&self, label: &str, functions: &BTreeSet<String>) {
+        self.write(|counts| {
+            *entry(&mut counts.pipelines, Some(label)) += 1;
+            entry(&mut counts.functions, Some(label)).extend(functions.iter().cloned());
+        });
     }
 
     pub(super) fn acceleration_structure(&self, label: Option<&str>) {

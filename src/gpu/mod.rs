@@ -1,8 +1,9 @@
 //! A thin layer over wgpu that knows nothing of light: device, linked shaders, pipelines whose bindings go by name, read-back,
-//! pass timings, and a ledger of what wgpu was asked for.
+//! pass timings, a ledger of what wgpu was asked for, and a look-out for values that are not finite.
 
 mod device;
 mod ledger;
+mod non_finite;
 mod pass;
 mod readback;
 mod shaders;
@@ -10,6 +11,7 @@ mod timing;
 
 pub use device::{Capabilities, Gpu, GpuError};
 pub use ledger::{Allocated, Counts, Ledger, Recorded};
+pub use non_finite::NonFinite;
 pub use pass::{Bindings, Compute, Raster, RasterTargets};
 pub use readback::read_back;
 pub use shaders::{Flags, link, module_names};

@@ -1,9 +1,11 @@
 //! Pipelines built from a linked shader, with bindings by name.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::{Arc, Mutex};
 
 use wgpu::naga;
 
+use super::non_finite::Floats;
 use super::{Flags, Gpu, link};
 
 /// Resources by the name that the shader gives them. Names that a shader does not use are ignored.
@@ -12,9 +14,43 @@ pub type Bindings<'a> = &'a [(&'a str, wgpu::BindingResource<'a>)];
 /// Where each name is bound: group, binding.
 type Slots = BTreeMap<String, (u32, u32)>;
 
+/// Pipelines that the device has: who asks for one again, by shader, flags and targets, gets the same.
+#[derive(Default)]
+pub(super) struct Pipelines {
+    compute: Mutex<HashMap<String, Compute>>,
+    raster: Mutex<HashMap<String, Raster>>,
+}
+
+/// What is kept under a name, or what is made now; entered in the ledger either way.
+fn kept<T: Clone>(
+    gpu: &Gpu,
+    there: &Mutex<HashMap<String, T>>,
+    (label, shader, flags): (&str, &str, Flags),
+    more: &str,
+    functions: impl Fn(&T) -> Arc<BTreeSet<String>>,
+    make: impl FnOnce() -> T,
+) -> T {
+    let flags: BTreeSet<_> = flags.iter().collect();
+    let key = format!("{label} {shader} {flags:?} {more}");
+    let found = there.lock().ok().and_then(|there| there.get(&key).cloned());
+    let pipeline = found.unwrap_or_else(|| {
+        let pipeline = make();
+        if let Ok(mut there) = there.lock() {
+            there.insert(key, pipeline.clone());
+        }
+        pipeline
+    });
+    gpu.ledger.pipeline(label, &functions(&pipeline));
+    pipeline
+}
+
+/// What naga knows of a shader of ours, and wgpu's module.
 struct Linked {
     module: wgpu::ShaderModule,
-    slots: Slots,
+    slots: Arc<Slots>,
+    /// What it may write that holds floats.
+    written: Arc<BTreeMap<String, Floats>>,
+    functions: Arc<BTreeSet<String>>,
     workgroup: [u32; 3],
 }
 
@@ -26,17 +62,25 @@ fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
     let source = link(name, flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
     let parsed =
         naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)));
-    let slots = parsed
+    let slots: Slots = parsed
         .global_variables
         .iter()
         .filter_map(|(_, v)| Some((v.name.clone()?, v.binding.map(|b| (b.group, b.binding))?)))
         .collect();
+    let writes = |v: &naga::GlobalVariable| matches!(v.space, naga::AddressSpace::Storage { access } if access.contains(naga::StorageAccess::STORE));
+    let written: BTreeMap<_, _> = parsed
+        .global_variables
+        .iter()
+        .filter(|(_, v)| writes(v))
+        .filter_map(|(_, v)| Some((v.name.clone()?, Floats::of(&parsed, v.ty)?)))
+        .collect();
+    let functions: BTreeSet<_> = parsed.functions.iter().filter_map(|(_, f)| f.name.clone()).collect();
     let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
     let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(name),
         source: wgpu::ShaderSource::Wgsl(source.into()),
     });
-    Linked { module, slots, workgroup }
+    Linked { module, slots: slots.into(), written: written.into(), functions: functions.into(), workgroup }
 }
 
 #[expect(clippy::panic, reason = "a missing name is a bug in the pass that forgot it")]
@@ -73,10 +117,13 @@ fn bind_groups(
 }
 
 /// A compute pipeline.
+#[derive(Clone)]
 pub struct Compute {
     label: &'static str,
     pipeline: wgpu::ComputePipeline,
-    slots: Slots,
+    slots: Arc<Slots>,
+    written: Arc<BTreeMap<String, Floats>>,
+    functions: Arc<BTreeSet<String>>,
     workgroup: [u32; 3],
 }
 
@@ -84,7 +131,12 @@ impl Compute {
     /// Links `shader` and builds its one compute entry point; `label` names it in timings and debuggers.
     #[must_use]
     pub fn new(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
-        let Linked { module, slots, workgroup } = load(gpu, shader, flags);
+        let make = || Self::build(gpu, label, shader, flags);
+        kept(gpu, &gpu.pipelines.compute, (label, shader, flags), "", |p| Arc::clone(&p.functions), make)
+    }
+
+    fn build(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
+        let Linked { module, slots, written, functions, workgroup } = load(gpu, shader, flags);
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -96,8 +148,7 @@ impl Compute {
             },
             cache: None,
         });
-        gpu.ledger.pipeline(label);
-        Self { label, pipeline, slots, workgroup }
+        Self { label, pipeline, slots, written, functions, workgroup }
     }
 
     /// Records one dispatch that covers `threads` (rounded up to whole workgroups; shaders check their bounds).
@@ -119,6 +170,8 @@ impl Compute {
         let workgroups = [threads[0].div_ceil(self.workgroup[0]), threads[1].div_ceil(self.workgroup[1])];
         gpu.ledger.dispatch(self.label, workgroups);
         pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+        drop(pass);
+        gpu.non_finite.look(gpu, encoder, self.label, &self.written, bindings);
     }
 }
 
@@ -133,10 +186,12 @@ pub struct RasterTargets<'a> {
 }
 
 /// A render pipeline of triangles without vertex buffers.
+#[derive(Clone)]
 pub struct Raster {
     label: &'static str,
     pipeline: wgpu::RenderPipeline,
-    slots: Slots,
+    slots: Arc<Slots>,
+    functions: Arc<BTreeSet<String>>,
 }
 
 impl Raster {
@@ -152,7 +207,19 @@ impl Raster {
         writes_color: bool,
         depth: Option<wgpu::TextureFormat>,
     ) -> Self {
-        let Linked { module, slots, .. } = load(gpu, shader, flags);
+        let make = || Self::build(gpu, label, shader, flags, (color, writes_color, depth));
+        let targets = format!("{color:?} {writes_color} {depth:?}");
+        kept(gpu, &gpu.pipelines.raster, (label, shader, flags), &targets, |p| Arc::clone(&p.functions), make)
+    }
+
+    fn build(
+        gpu: &Gpu,
+        label: &'static str,
+        shader: &str,
+        flags: Flags,
+        (color, writes_color, depth): (wgpu::TextureFormat, bool, Option<wgpu::TextureFormat>),
+    ) -> Self {
+        let Linked { module, slots, functions, .. } = load(gpu, shader, flags);
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -184,8 +251,7 @@ impl Raster {
             multiview_mask: None,
             cache: None,
         });
-        gpu.ledger.pipeline(label);
-        Self { label, pipeline, slots }
+        Self { label, pipeline, slots, functions }
     }
 
     /// Records one pass with one draw.

@@ -66,6 +66,7 @@ modules!(
     "light_pool",
     "light_subpath",
     "mis_sums",
+    "non_finite",
     "path_weights",
     "queries",
     "ray_queries",

@@ -1,0 +1,129 @@
+//! Scenes of the battery, and what is done to them.
+
+use glam::{Affine3A, Mat3, Vec2, Vec3};
+
+use crate::film::Film;
+use crate::scene::{Camera, Environment, FovAxis, Instance, Light, Material, Mesh, Projection, Scene, builtin};
+
+/// The Cornell box, 2 m wide, with a point light.
+pub fn cornell() -> Result<Scene, String> {
+    builtin::load("cornell_point").map_err(|e| e.to_string())
+}
+
+/// Adds a mesh with a material of its own, at its place.
+pub fn add(scene: &mut Scene, mut mesh: Mesh, material: Material) {
+    mesh.material = scene.materials.len();
+    scene.materials.push(material);
+    scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
+    scene.meshes.push(mesh);
+}
+
+/// Two triangles with corners a, a + u, a + u + v, a + v; the front is where u turns counter-clockwise into v.
+pub fn quad(a: Vec3, u: Vec3, v: Vec3) -> Mesh {
+    Mesh {
+        positions: vec![a, a + u, a + u + v, a + v],
+        uvs: [vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO], Vec::new()],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
+/// A square on the ground, front up, from -half to half.
+pub fn ground(half: f32) -> Mesh {
+    quad(Vec3::new(-half, 0.0, half), Vec3::X * (2.0 * half), Vec3::NEG_Z * (2.0 * half))
+}
+
+/// A box seen from inside, from -half to half.
+pub fn room(half: f32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+        for n in [n, -n] {
+            // Seen from inside, u turns counter-clockwise into -n x u.
+            let v = (-n).cross(u);
+            let base = mesh.positions.len() as u32;
+            let side = quad(half * (n - u - v), 2.0 * half * u, 2.0 * half * v);
+            mesh.positions.extend(side.positions);
+            mesh.triangles.extend(side.triangles.iter().map(|t| t.map(|i| i + base)));
+        }
+    }
+    mesh
+}
+
+fn look(at: Vec3, along: Vec3) -> Affine3A {
+    let z = -along.normalize();
+    let x = if z.y.abs() > 0.99 { Vec3::X } else { Vec3::Y.cross(z).normalize() };
+    Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), at)
+}
+
+fn camera(at: Vec3, along: Vec3, projection: Projection) -> Camera {
+    Camera { name: String::new(), world_from_camera: look(at, along), projection, lens: None, film_size: None }
+}
+
+/// A parallel camera over a square of the given half side.
+pub fn parallel(at: Vec3, along: Vec3, half: f32) -> Camera {
+    camera(at, along, Projection::Orthographic { half_extent: Vec2::splat(half) })
+}
+
+/// A pinhole with a full angle of view in radians.
+pub fn pinhole(at: Vec3, along: Vec3, fov: f32) -> Camera {
+    camera(at, along, Projection::Perspective { fov, axis: FovAxis::Y })
+}
+
+pub fn point(position: Vec3, intensity: f32) -> Light {
+    Light::Point { position, intensity: Vec3::splat(intensity) }
+}
+
+/// Light that falls straight down on the ground with an irradiance of pi: white ground has a radiance of 1.
+pub fn noon() -> Light {
+    Light::Directional { direction: Vec3::NEG_Y, irradiance: Vec3::splat(std::f32::consts::PI) }
+}
+
+/// White ground at noon, seen straight from above: 1 everywhere.
+pub fn noon_ground() -> Scene {
+    let mut scene =
+        Scene { cameras: vec![parallel(Vec3::Y, Vec3::NEG_Y, 1.0)], lights: vec![noon()], ..Scene::default() };
+    add(&mut scene, ground(10.0), Material::diffuse("ground", Vec3::ONE));
+    scene
+}
+
+pub fn sky(radiance: f32) -> Environment {
+    Environment { radiance: Vec3::splat(radiance), map: None, world_from_environment: Mat3::IDENTITY }
+}
+
+/// The same scene `scale` times as large and then moved, with as much more light that its picture stays.
+pub fn placed(scene: &Scene, scale: f32, offset: Vec3) -> Scene {
+    let at = |p: Vec3| p * scale + offset;
+    let mut out = scene.clone();
+    let change = Affine3A::from_scale_rotation_translation(Vec3::splat(scale), glam::Quat::IDENTITY, offset);
+    out.instances.iter_mut().for_each(|i| i.world_from_local = change * i.world_from_local);
+    for camera in &mut out.cameras {
+        let from = &mut camera.world_from_camera;
+        from.translation = at(Vec3::from(from.translation)).into();
+    }
+    for light in &mut out.lights {
+        if let Light::Point { position, intensity } = light {
+            (*position, *intensity) = (at(*position), *intensity * scale * scale);
+        }
+    }
+    out
+}
+
+/// Mean of all values.
+pub fn mean(film: &Film) -> f64 {
+    film.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * film.pixels.len()) as f64
+}
+
+/// Least and largest value.
+pub fn range(film: &Film) -> [f32; 2] {
+    let values = || film.pixels.iter().flatten().copied();
+    [values().fold(f32::INFINITY, f32::min), values().fold(f32::NEG_INFINITY, f32::max)]
+}
+
+/// How far a picture is from another: of the means, and of the pixel that is worst, both over the other's mean. The first is
+/// multiplied by `factor` before.
+pub fn apart(film: &Film, factor: f64, expected: &Film) -> [f64; 2] {
+    let pairs = film.pixels.iter().flatten().zip(expected.pixels.iter().flatten());
+    let worst = pairs.map(|(a, b)| (factor * f64::from(*a) - f64::from(*b)).abs()).fold(0.0, f64::max);
+    let scale = mean(expected);
+    [(factor * mean(film) / scale - 1.0).abs(), worst / scale]
+}

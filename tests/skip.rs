@@ -1,0 +1,383 @@
+//! What a scene does not need has no pass, no pipeline, no byte and no code: from the plan, and from what wgpu was asked for.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use common::scenes::{add, emitter, floor, pinhole, quad, room};
+use common::{gpu, gpu_with_ray_queries};
+use glam::{Mat3, Vec3};
+use lightsheaf::film::Film;
+use lightsheaf::gpu::{Counts, Gpu};
+use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::renderer::{Progressive as _, Renderer};
+use lightsheaf::scene::{
+    AlphaMask, Bsdf, Environment, EnvironmentMap, Filter, Geometry, Image, Light, Mapping, Material, Pattern, Rows,
+    Scene, SceneStats, Texture, TextureRef, Wrap, builtin,
+};
+use lightsheaf::settings::{Method, Settings, Visibility};
+
+/// The ledger is the device's, and time is the machine's: one test after the other.
+fn alone() -> MutexGuard<'static, ()> {
+    static ONE: Mutex<()> = Mutex::new(());
+    ONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a render of it planned and asked for.
+struct Asked {
+    flags: Vec<&'static str>,
+    runs: Vec<(&'static str, u32)>,
+    counts: Counts,
+}
+
+impl Asked {
+    /// Names of everything that was created, recorded or compiled.
+    fn names(&self) -> BTreeSet<String> {
+        let Counts { pipelines, functions, passes, buffers, textures, .. } = &self.counts;
+        let labels = [pipelines.keys().collect::<Vec<_>>(), passes.keys().collect()].concat();
+        let labels = labels.into_iter().map(|label| format!("pass {label}"));
+        let memory = buffers.keys().chain(textures.keys()).map(|label| format!("memory {label}"));
+        let code = functions.values().flatten().map(|name| format!("code {name}"));
+        let flags = self.flags.iter().map(|flag| format!("flag {flag}"));
+        labels.chain(memory).chain(code).chain(flags).collect()
+    }
+
+    fn runs(&self, pass: &str) -> u32 {
+        self.runs.iter().find(|(name, _)| *name == pass).unwrap().1
+    }
+}
+
+/// Builds what the scene needs, and renders some iterations.
+fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked {
+    gpu.ledger.reset();
+    let listed = |passes: &[lightsheaf::plan::PlannedPass]| passes.iter().map(|p| (p.name, p.runs)).collect();
+    let (flags, runs) = if settings.method.shares_subpaths() {
+        let mut renderer = Renderer::new(gpu, scene, settings).unwrap();
+        renderer.render(iterations, &mut |_| true).unwrap();
+        let plan = renderer.plan();
+        ([plan.surface_flags.as_slice(), &plan.light_flags].concat(), listed(&plan.passes))
+    } else {
+        let mut renderer = PathRenderer::new(gpu, scene, settings).unwrap();
+        renderer.render(iterations, &mut |_| true).unwrap();
+        (renderer.plan().flags.clone(), listed(&renderer.plan().passes))
+    };
+    Asked { flags, runs, counts: gpu.ledger.counts() }
+}
+
+fn settings(method: Method) -> Settings {
+    Settings { method, width: 8, height: 8, ..Settings::default() }
+}
+
+/// A room of grey walls with a point light: what any picture needs, and light.
+fn plain() -> Scene {
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(0.2, 0.1, 0.8), Vec3::NEG_Z, 1.0)], ..Scene::default() };
+    add(&mut scene, room(), Material::diffuse("room", Vec3::splat(0.5)));
+    scene.lights = vec![Light::Point { position: Vec3::new(0.1, 0.7, -0.2), intensity: Vec3::ONE }];
+    scene
+}
+
+fn with(change: impl FnOnce(&mut Scene)) -> Scene {
+    let mut scene = plain();
+    change(&mut scene);
+    scene
+}
+
+fn metal(transmission: f32) -> Material {
+    let bsdf = Bsdf::MetallicRoughness {
+        base_color: Vec3::splat(0.5).into(),
+        metallic: (1.0 - transmission).into(),
+        roughness: 0.5.into(),
+        ior: 1.5,
+        specular: 1.0.into(),
+        specular_color: Vec3::ONE.into(),
+        transmission: transmission.into(),
+    };
+    Material { bsdf, ..Material::diffuse("metal", Vec3::ONE) }
+}
+
+fn textured(scene: &mut Scene) -> TextureRef {
+    scene.images = vec![Image { name: String::new(), width: 2, height: 2, texels: vec![[200, 100, 50, 255]; 4] }];
+    scene.textures = vec![Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb: true }];
+    TextureRef::new(0)
+}
+
+fn shelf() -> lightsheaf::scene::Mesh {
+    quad(Vec3::new(-0.4, -0.5, 0.2), Vec3::X * 0.8, Vec3::NEG_Z * 0.8)
+}
+
+fn sky(map: bool) -> Environment {
+    let map = map.then(|| EnvironmentMap { width: 4, height: 2, texels: vec![[1.0; 3]; 8], rows: Rows::Centred });
+    Environment { radiance: Vec3::ONE, map, world_from_environment: Mat3::IDENTITY }
+}
+
+/// What a feature brings, by raster and by ray queries. Each name is asked for with it, and not without.
+struct Feature {
+    name: &'static str,
+    with: Scene,
+    without: Scene,
+    raster: &'static [&'static str],
+    rays: &'static [&'static str],
+}
+
+fn features() -> Vec<Feature> {
+    let lamp = |scene: &mut Scene| add(scene, floor(0.2, 0.9), emitter(0.5, Vec3::ONE, true));
+    let feature = |name, with, raster, rays| Feature { name, with, without: plain(), raster, rays };
+    vec![
+        feature(
+            "environment",
+            with(|s| s.environment = Some(sky(false))),
+            &["flag ENVIRONMENT", "code environment_radiance", "code sky_draw"],
+            &["flag ENVIRONMENT", "code environment_radiance", "code sky_draw"],
+        ),
+        feature(
+            "environment map",
+            with(|s| s.environment = Some(sky(true))),
+            &["flag ENVIRONMENT_MAP", "memory environment_map", "memory sky_table", "code sky_choice"],
+            &["flag ENVIRONMENT_MAP", "memory environment_map", "memory sky_table", "code sky_choice"],
+        ),
+        feature(
+            "area light",
+            with(lamp),
+            &["flag EMISSION", "memory emitters", "code emitted_radiance", "code part_pdf"],
+            &["flag EMISSION", "memory emitters", "code emitted_radiance", "code part_pdf"],
+        ),
+        Feature {
+            name: "punctual light",
+            with: with(lamp),
+            without: with(|s| {
+                lamp(s);
+                s.lights.clear();
+            }),
+            raster: &[
+                "flag PUNCTUAL",
+                "pass rsm",
+                "memory rsm",
+                "code intensity_towards",
+                "code spot_pdf",
+                "code point_of_ball",
+                "code square_of",
+            ],
+            rays: &["flag PUNCTUAL", "code intensity_towards", "code spot_pdf", "code point_of_ball"],
+        },
+        feature(
+            "pattern of a light",
+            with(|s| {
+                let texels = vec![[1.0; 3]; 4];
+                s.patterns =
+                    vec![Pattern { name: String::new(), mapping: Mapping::Sphere, width: 2, height: 2, texels }];
+                s.lights = vec![Light::Lamp(lightsheaf::scene::Lamp {
+                    position: Vec3::new(0.1, 0.7, -0.2),
+                    world_from_lamp: Mat3::IDENTITY,
+                    radius: 0.0,
+                    intensity: Vec3::ONE,
+                    cone: None,
+                    pattern: Some(0),
+                })];
+            }),
+            &["flag PATTERNS", "memory patterns", "code pattern_factor"],
+            &["flag PATTERNS", "memory patterns", "code pattern_factor"],
+        ),
+        feature(
+            "glossy material",
+            with(|s| add(s, shelf(), metal(0.0))),
+            &["flag GLOSSY", "code ggx_d", "code glossy_eval", "code parts_of"],
+            &["flag GLOSSY", "code ggx_d", "code glossy_eval", "code facet_probability"],
+        ),
+        feature(
+            "textures",
+            with(|s| {
+                let texture = Some(textured(s));
+                let reflectance = lightsheaf::scene::Color { factor: Vec3::ONE, texture };
+                add(
+                    s,
+                    shelf(),
+                    Material { bsdf: Bsdf::Diffuse { reflectance }, ..Material::diffuse("painted", Vec3::ONE) },
+                );
+            }),
+            &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
+            &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
+        ),
+        feature(
+            "vertex colours",
+            with(|s| s.meshes[0].colors = vec![Vec3::ONE.extend(1.0); s.meshes[0].positions.len()]),
+            &["flag VERTEX_COLORS", "code interpolated_color"],
+            &["flag VERTEX_COLORS", "code interpolated_color"],
+        ),
+        feature(
+            "alpha",
+            with(|s| {
+                let alpha_mask = Some(AlphaMask { value: 0.7.into(), cutoff: 0.5 });
+                add(s, shelf(), Material { alpha_mask, ..Material::diffuse("leaf", Vec3::ONE) });
+            }),
+            &["flag MASKS", "code is_hole"],
+            &["flag MASKS", "code is_hole"],
+        ),
+        feature(
+            "transmission",
+            with(|s| add(s, shelf(), metal(0.9))),
+            &[],
+            &["flag TRANSMISSION", "code passing_eval", "code bent_facet", "code transmittance"],
+        ),
+    ]
+}
+
+#[test]
+fn what_a_scene_does_not_need_is_not_there() {
+    let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
+    let _alone = alone();
+    for Feature { name, with, without, raster, rays: by_rays } in features() {
+        for (gpu, method, names) in [(gpu, Method::Raster, raster), (rays, Method::RayQuery, by_rays)] {
+            let [present, absent] = [&with, &without].map(|scene| ask(gpu, scene, &settings(method), 0).names());
+            for wanted in names {
+                assert!(present.contains(*wanted), "{name}, {method}: no {wanted} with it; there is {present:#?}");
+                assert!(!absent.contains(*wanted), "{name}, {method}: {wanted} without it");
+            }
+            // Nothing else is there only without it.
+            let more: Vec<_> = absent.difference(&present).collect();
+            assert!(more.is_empty(), "{name}, {method}: {more:?} only without it");
+        }
+    }
+    // No method has raster let light pass.
+    let glass = with(|s| add(s, shelf(), metal(0.9))).without_glass();
+    let names = ask(gpu, &glass, &settings(Method::Raster), 0).names();
+    assert!(!names.iter().any(|n| n.contains("TRANSMISSION") || n == "code passing_eval"), "{names:#?}");
+    // What is not built is not there either.
+    for scene in [plain(), glass] {
+        let names = ask(gpu, &scene, &settings(Method::Raster), 0).names();
+        assert!(!names.iter().any(|n| n.contains("anim") || n.contains("skin") || n.contains("denois")), "{names:#?}");
+    }
+}
+
+/// What the plan counts is what was recorded: passes, and the buffers of views, by number of bounces.
+#[test]
+fn bounces_that_nobody_asks_for_are_not_there() {
+    let Some(gpu) = gpu() else { return };
+    let _alone = alone();
+    let mut before = None;
+    for bounces in 0..4 {
+        let asked = ask(gpu, &plain(), &Settings { bounces, ..settings(Method::Raster) }, 2);
+        let views = asked.counts.buffers["lists"].count;
+        let lists = asked.counts.passes["view_lists"].draws;
+        let extends = asked.counts.passes.get("extend").map_or(0, |p| p.dispatches);
+        let vertices = asked.counts.passes.get("light_subpath").map_or(0, |p| p.dispatches);
+        let planned = ["view_lists", "extend", "light_subpath"].map(|pass| u64::from(asked.runs(pass)));
+        // Two iterations; the light's own view is filled once.
+        assert_eq!([lists + 1, extends, vertices], planned.map(|n| 2 * n), "{bounces} bounces");
+        assert_eq!(views, planned[0], "{bounces} bounces");
+        assert_eq!((extends, vertices), (2 * u64::from(bounces), 2 * u64::from(bounces.min(2))));
+        assert_eq!(asked.names().contains("pass extend"), bounces > 0);
+        let bytes = asked.counts.bytes();
+        assert!(before.is_none_or(|before| before < bytes), "{bounces} bounces: {bytes}");
+        before = Some(bytes);
+    }
+    // Without a light nothing is joined, and nothing rasterized but what the camera sees.
+    let dark = ask(gpu, &with(|s| s.lights.clear()), &settings(Method::Raster), 2);
+    let passes: Vec<_> = dark.counts.passes.keys().collect();
+    assert_eq!(passes, ["accumulate", "eye_vertices", "gbuffer"]);
+    for pass in ["view_setup", "view_lists", "light_point", "rsm", "light_subpath", "connect", "extend"] {
+        assert_eq!(dark.runs(pass), 0, "{pass}");
+    }
+    for label in ["lists", "records", "items", "lights", "light_sums", "rsm"] {
+        assert!(!dark.counts.buffers.contains_key(label), "{label}");
+    }
+}
+
+/// The plan says what will be allocated beside the scene, and that is what was: within 5 %.
+#[test]
+fn memory_is_what_the_plan_says() {
+    let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
+    let _alone = alone();
+    let base = Settings { width: 256, height: 144, ..Settings::default() };
+    let mut checked = 0;
+    for name in ["cornell_point", "cornell_glossy", "cornell_env", "displaced_room:5000", "point_hall:100", "furnace"] {
+        let scene = builtin::load(name).unwrap();
+        for settings in [
+            base.clone(),
+            Settings { visibility: Visibility::Fast, ..base.clone() },
+            Settings { bounces: 0, ..base.clone() },
+            Settings { width: 1024, height: 512, list_room: 0.5, ..base.clone() },
+            Settings { method: Method::Twin, ..base.clone() },
+            Settings { method: Method::Path, ..base.clone() },
+            Settings { method: Method::RayQuery, bounces: 4, ..base.clone() },
+        ] {
+            let gpu = if settings.method.traces_rays() { rays } else { gpu };
+            gpu.ledger.reset();
+            let (planned, stats) = if settings.method.shares_subpaths() {
+                let renderer = Renderer::new(gpu, &scene, &settings).unwrap();
+                (renderer.plan().bytes, renderer.stats())
+            } else {
+                let renderer = PathRenderer::new(gpu, &scene, &settings).unwrap();
+                (renderer.plan().bytes, renderer.stats())
+            };
+            let asked = gpu.ledger.counts();
+            // The tables that acceleration structures are built from are the scene's.
+            let building: u64 =
+                ["indices", "first_triangles"].iter().filter_map(|l| asked.buffers.get(*l)).map(|b| b.bytes).sum();
+            let real = asked.bytes() - stats.scene_bytes - building;
+            let off = |a: u64| (a as f64 / real as f64 - 1.0).abs();
+            println!("{name}, {}: planned {planned}, said {}, asked for {real}", settings.method, stats.bytes);
+            assert!(off(planned) < 0.05, "{name}, {settings:?}: {planned} planned, {real} asked for");
+            assert!(off(stats.bytes) < 0.05, "{name}, {settings:?}: {} said, {real} asked for", stats.bytes);
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 42);
+}
+
+/// The facts of a scene that has everything.
+fn everything(scene: &Scene) -> SceneStats {
+    let stats = SceneStats::new(scene, &Geometry::new(scene));
+    SceneStats {
+        patterns: true,
+        emissive_triangles: 1,
+        environment: true,
+        environment_map: true,
+        glossy_triangles: 1,
+        masked_triangles: 1,
+        texels: 1,
+        vertex_colors: true,
+        ..stats
+    }
+}
+
+/// Seconds of the fastest of several runs of each, in turns.
+fn seconds(renderers: &mut [Renderer], samples: u64, turns: u32) -> Vec<f64> {
+    let mut least = vec![f64::INFINITY; renderers.len()];
+    for _ in 0..turns {
+        for (renderer, least) in renderers.iter_mut().zip(&mut least) {
+            let began = Instant::now();
+            renderer.render(samples, &mut |_| true).unwrap();
+            *least = least.min(began.elapsed().as_secs_f64());
+        }
+    }
+    least
+}
+
+/// A diffuse scene with one light, as it is and with everything forced on: the same picture, and the time that skipping saves.
+#[test]
+fn skipping_changes_no_picture_and_saves_time() {
+    let Some(gpu) = gpu() else { return };
+    let _alone = alone();
+    let scene = builtin::load("cornell_point").unwrap();
+    let settings = Settings { width: 192, height: 192, bounces: 1, ..Settings::default() };
+    let mut renderers = [
+        Renderer::new(gpu, &scene, &settings).unwrap(),
+        Renderer::forced(gpu, &scene, &settings, everything(&scene)).unwrap(),
+    ];
+    let forced = renderers[1].plan();
+    for flag in ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"] {
+        assert!(forced.surface_flags.contains(&flag) && !renderers[0].plan().surface_flags.contains(&flag));
+    }
+    assert_eq!(forced.light_flags, ["PUNCTUAL", "PATTERNS", "EMISSION", "ENVIRONMENT", "ENVIRONMENT_MAP"]);
+    assert_eq!(renderers[0].plan().light_flags, ["PUNCTUAL"]);
+    let times = seconds(&mut renderers, 4, 8);
+    let films: Vec<Film> = renderers.iter().map(|r| r.film().unwrap()).collect();
+    let mean = films[0].pixels.iter().flatten().sum::<f32>() / (3 * films[0].pixels.len()) as f32;
+    let pairs = films[0].pixels.iter().flatten().zip(films[1].pixels.iter().flatten());
+    let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) / mean;
+    println!("{:.1} and {:.1} ms an iteration, worst pixel {worst:.1e}", times[0] * 250.0, times[1] * 250.0);
+    assert!(worst < 1e-4 && films[0].pixels.as_ptr() != films[1].pixels.as_ptr(), "{worst}");
+    assert!(times[1] > 1.5 * times[0], "{times:?}");
+}
