@@ -6,7 +6,7 @@ use crate::gpu::Capabilities;
 use crate::layouts;
 use crate::scene::SceneStats;
 use crate::settings::{Method, Settings, Strategies, Visibility};
-use crate::view::Answers;
+use crate::view::{Answers, RECORD_BYTES};
 
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
@@ -360,7 +360,7 @@ impl FramePlan {
                     Answers::DepthMap => 8 * texels,
                     Answers::Rays => return 0,
                 };
-                triangles * 48 + answers
+                triangles * RECORD_BYTES + answers
             })
             .sum();
         image + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)

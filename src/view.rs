@@ -7,6 +7,9 @@ use glam::Vec3;
 use crate::gpu::Gpu;
 use crate::layouts;
 
+/// Bytes of a triangle's record (shaders/lib/record.wesl).
+pub const RECORD_BYTES: u64 = 48;
+
 /// What answers for a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answers {
@@ -115,7 +118,7 @@ impl ViewBuffers {
             looks_at: Cell::new(faces),
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
-            records: gpu.storage("records", u64::from(triangles) * 48),
+            records: gpu.storage("records", u64::from(triangles) * RECORD_BYTES),
             lists: gpu.storage("lists", 4 * list_words),
             depth_map,
         };
@@ -133,6 +136,12 @@ impl ViewBuffers {
     /// Says how many faces it has now, where a pass points it somewhere.
     pub fn looks(&self, faces: u32) {
         self.looks_at.set(faces);
+    }
+
+    /// Triangles that there are records for.
+    #[must_use]
+    pub fn triangles(&self) -> u64 {
+        self.records.size() / RECORD_BYTES
     }
 
     /// Texels of all faces that there is room for.

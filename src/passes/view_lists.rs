@@ -5,8 +5,8 @@
 use crate::gpu::{Compute, Gpu};
 use crate::view::{ViewBuffers, ViewScratch};
 
-/// Workgroups that share the items: enough for a large device, few enough to cost nothing where there are no items.
-const GROUPS: u32 = 1024;
+/// Most workgroups that share the items: enough for a large device, few enough to cost nothing where there are few items.
+const GROUPS: u64 = 1024;
 
 /// The pass.
 pub struct ViewLists(Compute);
@@ -27,6 +27,7 @@ impl ViewLists {
             ("tally", scratch.tally.as_entire_binding()),
             ("lists", view.lists.as_entire_binding()),
         ];
-        self.0.record(gpu, encoder, [64 * GROUPS, 1], &bindings);
+        let groups = view.triangles().clamp(1, GROUPS) as u32;
+        self.0.record(gpu, encoder, [64 * groups, 1], &bindings);
     }
 }
