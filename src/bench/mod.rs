@@ -37,6 +37,9 @@ const BATCH: u64 = 8;
 /// How much longer than the budget a picture that is made anew is meant to take, so that the curve reaches the budget.
 const BEYOND: f64 = 1.05;
 
+/// Budgets that all of a repeat's pictures may take together where each is made anew; three are what doubling takes.
+const PATIENCE: f64 = 8.0;
+
 /// Error of a reference's size below which it says nothing: a part of its own.
 const BLUR: f64 = 0.25;
 
@@ -201,6 +204,9 @@ struct Position {
     /// Seconds of rendering; where pictures are made anew, of the last one.
     seconds: f64,
     samples: u64,
+    /// Where pictures are made anew: seconds of all of them, and of a sample of the fastest.
+    spent: f64,
+    pace: Option<f64>,
     next_checkpoint: usize,
     done: bool,
 }
@@ -261,21 +267,22 @@ fn grow(entry: &mut Entry, at: &mut Position, schedule: &Schedule, truth: &Truth
     Ok(())
 }
 
-/// A turn of one that makes each picture anew.
+/// A turn of one that makes each picture anew. How many samples the budget allows is told by the fastest picture, so that a moment
+/// in which the machine did something else does not end it.
 fn anew(entry: &mut Entry, at: &mut Position, schedule: &Schedule, truth: &Truth) -> Result<(), BenchError> {
-    let first = schedule.checkpoints[0];
-    let samples = if at.samples == 0 {
+    let last = |pace: f64| (BEYOND * schedule.budget / pace).ceil() as u64;
+    let samples = match at.pace {
         // A power of two, which most sampling patterns like best.
-        1 << ((first / entry.pace) as u64).max(1).ilog2()
-    } else {
-        let pace = at.seconds / at.samples as f64;
-        let last = (BEYOND * schedule.budget / pace).ceil() as u64;
-        (2 * at.samples).min(last.max(at.samples + 1))
+        None => 1 << ((schedule.checkpoints[0] / entry.pace) as u64).max(1).ilog2(),
+        Some(pace) => (2 * at.samples).min(last(pace).max(at.samples + 1)),
     };
     let rendered = entry.contender.render(samples)?;
     (at.seconds, at.samples) = (rendered.seconds, rendered.samples.max(at.samples + 1));
+    at.spent += rendered.seconds;
+    let pace = (rendered.seconds / rendered.samples as f64).min(at.pace.unwrap_or(f64::INFINITY));
+    at.pace = Some(pace);
     entry.measure(rendered, rendered.seconds, truth)?;
-    at.done = at.seconds >= schedule.budget;
+    at.done = at.samples >= last(pace) || at.spent >= PATIENCE * schedule.budget;
     Ok(())
 }
 
@@ -289,6 +296,8 @@ mod tests {
         pace: f64,
         samples: u64,
         fails_at: u64,
+        /// The picture of so many samples takes a hundred times as long.
+        stalls_at: u64,
     }
 
     impl Contender for Fake {
@@ -305,7 +314,8 @@ mod tests {
             if self.samples >= self.fails_at {
                 return Err(BenchError::Truth("planted".to_owned()));
             }
-            Ok(Rendered { samples: self.samples, seconds: samples as f64 * self.pace })
+            let slow = if samples == self.stalls_at { 100.0 } else { 1.0 };
+            Ok(Rendered { samples: self.samples, seconds: samples as f64 * self.pace * slow })
         }
 
         fn film(&mut self) -> Result<Film, BenchError> {
@@ -322,8 +332,11 @@ mod tests {
     }
 
     fn entry(grows: bool, pace: f64, fails_at: u64) -> Entry<'static> {
-        let fake = Fake { grows, pace, samples: 0, fails_at };
-        Entry::new(format!("{grows} {pace}"), Box::new(fake), Instant::now()).unwrap()
+        entry_of(Fake { grows, pace, samples: 0, fails_at, stalls_at: 0 })
+    }
+
+    fn entry_of(fake: Fake) -> Entry<'static> {
+        Entry::new(format!("{} {}", fake.grows, fake.pace), Box::new(fake), Instant::now()).unwrap()
     }
 
     fn white(own_rel_mse: Option<f64>) -> Truth {
@@ -381,6 +394,24 @@ mod tests {
         wrong_size.film.width = 8;
         race(&mut entries[1..], &schedule, &wrong_size, &mut |_| ());
         assert!(entries[1].failure.as_ref().is_some_and(|f| f.contains("8x16")), "{:?}", entries[1].failure);
+    }
+
+    #[test]
+    fn a_stall_does_not_end_a_repeat() {
+        let schedule = Schedule::new(10.0, 5, vec![1]);
+        let fake = |stalls_at| Fake { grows: false, pace: 0.01, samples: 0, fails_at: u64::MAX, stalls_at };
+        for stalls_at in [0, 8, 16] {
+            let mut entries = [entry_of(fake(stalls_at))];
+            race(&mut entries, &schedule, &white(None), &mut |_| ());
+            let run = &entries[0].runs[0];
+            assert!(run.checkpoints.last().is_some_and(|c| c.samples == 1050), "{stalls_at}: {run:?}");
+            let stalled = usize::from(run.checkpoints.iter().any(|c| c.samples == stalls_at));
+            assert_eq!(run.curve(|c| c.error).len() + stalled, run.checkpoints.len());
+        }
+        // One that stalls for long has to end all the same.
+        let mut entries = [entry_of(fake(128))];
+        race(&mut entries, &schedule, &white(None), &mut |_| ());
+        assert_eq!(entries[0].runs[0].checkpoints.last().map(|c| c.samples), Some(128));
     }
 
     #[test]
