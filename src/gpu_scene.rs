@@ -154,29 +154,29 @@ impl GpuScene {
         })
     }
 
-    /// Puts tables of nothing in the place of lights, where there is none: for shaders that always ask how many there are.
-    pub fn stand_in_for_lights(&mut self, gpu: &Gpu) {
-        self.stand_in_for(gpu, &TABLES[..2]);
-    }
-
-    /// Puts something of the least size in the place of all that the scene has none of: for shaders with code for it.
-    pub fn stand_in(&mut self, gpu: &Gpu) {
-        self.stand_in_for(gpu, &TABLES);
-        self.environment_map.get_or_insert_with(|| {
-            texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [1, 1, 1])
-                .create_view(&Default::default())
-        });
-        if self.textures.is_none() {
-            let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
-            self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
-        }
-    }
-
-    fn stand_in_for(&mut self, gpu: &Gpu, tables: &[&'static str]) {
-        for &name in tables {
-            if !self.tables.iter().any(|(there, _)| *there == name) {
+    /// Puts something of the least size in the place of what shaders with these flags ask for and the scene has none of: black maps,
+    /// lights that never shine.
+    pub fn stand_in(&mut self, gpu: &Gpu, flags: &[&str]) {
+        for name in TABLES {
+            let asked = match name {
+                "emitters" => flags.contains(&"EMISSION"),
+                "patterns" => flags.contains(&"PATTERNS"),
+                "sky_table" => flags.contains(&"ENVIRONMENT_MAP"),
+                _ => ["PUNCTUAL", "EMISSION", "ENVIRONMENT"].iter().any(|flag| flags.contains(flag)),
+            };
+            if asked && !self.tables.iter().any(|(there, _)| *there == name) {
                 self.tables.push((name, gpu.storage(name, 256)));
             }
+        }
+        if flags.contains(&"ENVIRONMENT_MAP") {
+            self.environment_map.get_or_insert_with(|| {
+                let texel = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [1, 1, 1]);
+                texel.create_view(&Default::default())
+            });
+        }
+        if flags.contains(&"TEXTURES") && self.textures.is_none() {
+            let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
+            self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
         }
     }
 

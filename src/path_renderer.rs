@@ -84,7 +84,8 @@ impl<'gpu> PathRenderer<'gpu> {
             light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
         }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
-        gpu_scene.stand_in_for_lights(gpu);
+        // Its shaders always ask how many lights there are.
+        gpu_scene.stand_in(gpu, &[plan.flags.as_slice(), &["PUNCTUAL"]].concat());
         gpu_scene.accelerate(gpu, scene, &geometry)?;
         let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
         let constants = layouts::Paths {

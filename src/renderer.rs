@@ -105,7 +105,6 @@ impl<'gpu> Renderer<'gpu> {
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let geometry = Geometry::new(scene);
-        let is_forced = forced.is_some();
         let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
@@ -121,9 +120,7 @@ impl<'gpu> Renderer<'gpu> {
         let even = settings.light_sampling == Some(LightSampling::Uniform);
         let mut table = if even { table.even() } else { table };
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
-        if is_forced {
-            gpu_scene.stand_in(gpu);
-        }
+        gpu_scene.stand_in(gpu, &[plan.surface_flags.as_slice(), &plan.light_flags].concat());
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }

@@ -17,7 +17,7 @@ use lightsheaf::scene::{
     AlphaMask, Bsdf, Environment, EnvironmentMap, Filter, Geometry, Image, Light, Mapping, Material, Pattern, Rows,
     Scene, SceneStats, Texture, TextureRef, Wrap, builtin,
 };
-use lightsheaf::settings::{Method, Settings, Visibility};
+use lightsheaf::settings::{Method, Settings, Strategies, Visibility};
 
 /// The ledger is the device's, and time is the machine's: one test after the other.
 fn alone() -> MutexGuard<'static, ()> {
@@ -247,6 +247,46 @@ fn what_a_scene_does_not_need_is_not_there() {
     for scene in [plain(), glass] {
         let names = ask(gpu, &scene, &settings(Method::Raster), 0).names();
         assert!(!names.iter().any(|n| n.contains("anim") || n.contains("skin") || n.contains("denois")), "{names:#?}");
+    }
+}
+
+/// Flags come from what a scene says, tables from what shines: code must not ask for a table that is not there.
+#[test]
+fn lights_that_never_shine_leave_no_table_missing() {
+    let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
+    let _alone = alone();
+    let black_map = EnvironmentMap { width: 4, height: 2, texels: vec![[0.0; 3]; 8], rows: Rows::Centred };
+    let dark = |change: &dyn Fn(&mut Scene)| {
+        with(|s| {
+            s.lights.clear();
+            change(s);
+        })
+    };
+    let flat = |s: &mut Scene| {
+        let mut mesh = floor(0.2, 0.9);
+        mesh.triangles = vec![[0, 0, 1]];
+        add(s, mesh, emitter(0.5, Vec3::ONE, true));
+    };
+    let scenes = [
+        ("nothing", dark(&|_| ())),
+        ("black map", dark(&|s| s.environment = Some(Environment { map: Some(black_map.clone()), ..sky(false) }))),
+        ("black sky", dark(&|s| s.environment = Some(Environment { radiance: Vec3::ZERO, ..sky(false) }))),
+        ("black point", dark(&|s| s.lights = vec![Light::Point { position: Vec3::ZERO, intensity: Vec3::ZERO }])),
+        ("flat lamp", dark(&flat)),
+    ];
+    for (name, scene) in &scenes {
+        for method in [Method::Raster, Method::Twin, Method::Path, Method::RayQuery] {
+            let gpu = if method.traces_rays() { rays } else { gpu };
+            ask(gpu, scene, &settings(method), 1);
+            gpu.check().unwrap_or_else(|e| panic!("{name}, {method}: {e}"));
+        }
+    }
+    // The paper meets lamps, and never starts from one.
+    let lamp = with(|s| add(s, floor(0.2, 0.9), emitter(0.5, Vec3::ONE, true)));
+    let paper = Settings { strategies: Strategies::Paper, ..settings(Method::Raster) };
+    for scene in [lamp, scenes[1].1.clone()] {
+        ask(gpu, &scene, &paper, 1);
+        gpu.check().unwrap();
     }
 }
 
