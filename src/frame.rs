@@ -44,10 +44,9 @@ pub struct Frame {
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
     eye_vertices: EyeVertices,
-    connections: Vec<(Connection, wgpu::Buffer)>,
-    connects: Vec<((u32, bool), Connect)>,
-    extensions: Vec<(Extension, wgpu::Buffer)>,
-    extends: Vec<(Extension, Extend)>,
+    /// In order, each with its constants; those that the pool makes have no pass.
+    connections: Vec<(Connection, wgpu::Buffer, Option<Connect>)>,
+    extensions: Vec<(wgpu::Buffer, Extend)>,
     accumulate: Accumulate,
     /// Around the light vertices, then the bundles.
     views: Vec<ViewBuffers>,
@@ -96,27 +95,22 @@ impl Frame {
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
             uniform
         };
-        let connections: Vec<_> = plan.connections.iter().map(|c| (*c, strategy(c.samples, c.s, c.j))).collect();
-        let extensions: Vec<_> = plan.extensions.iter().map(|e| (*e, strategy(e.samples, 0, e.j))).collect();
         // What depends on the way from y0.
         let sent = plan.light_flags.iter().filter(|flag| matches!(**flag, "PUNCTUAL" | "PATTERNS"));
         let sent: &[&str] = &sent.copied().collect::<Vec<_>>();
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
-        let mut connects: Vec<((u32, bool), Connect)> = Vec::new();
-        for c in &plan.connections {
-            if !connects.iter().any(|(key, _)| *key == (c.s, c.clamped)) {
-                let from_y0 = if c.s == 1 { [rsm, sent].concat() } else { Vec::new() };
-                let flags = with(&[visibility, &from_y0].concat());
-                connects.push(((c.s, c.clamped), Connect::new(gpu, &flags, c.s, c.clamped)));
-            }
-        }
-        let mut extends: Vec<(Extension, Extend)> = Vec::new();
-        for e in &plan.extensions {
-            if !extends.iter().any(|(other, _)| other.same_code(e)) {
-                let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
-                extends.push((*e, Extend::new(gpu, &flags, e.last)));
-            }
-        }
+        let connect = |c: &Connection| {
+            let from_y0 = if c.s == 1 { [rsm, sent].concat() } else { Vec::new() };
+            Connect::new(gpu, &with(&[visibility, &from_y0].concat()), c.s, c.clamped)
+        };
+        let pooled = |c: &Connection| plan.has_pool() && (c.s, c.j) == (1, 1);
+        let connections = plan.connections.iter();
+        let connections = connections.map(|c| (*c, strategy(c.samples, c.s, c.j), (!pooled(c)).then(|| connect(c))));
+        let extend = |e: &Extension| {
+            let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
+            Extend::new(gpu, &flags, e.last)
+        };
+        let extensions = plan.extensions.iter().map(|e| (strategy(e.samples, 0, e.j), extend(e)));
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
         let views: Vec<_> = plan
             .views()
@@ -148,10 +142,8 @@ impl Frame {
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, sent].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
-            connections,
-            connects,
-            extensions,
-            extends,
+            connections: connections.collect(),
+            extensions: extensions.collect(),
             accumulate: Accumulate::new(gpu),
             directions,
             light_in_view: None,
@@ -293,18 +285,20 @@ impl Frame {
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=self.plan.bounces + 1 {
-            for (connection, strategy) in self.connections.iter().filter(|(c, _)| c.j == j) {
-                let pass = self.connects.iter().find(|(key, _)| *key == (connection.s, connection.clamped));
-                let (Some((_, pass)), Some(light_point)) = (pass, started) else { continue };
-                if let Some(pool) = self.light_pool.as_ref().filter(|_| (connection.s, j) == (1, 1)) {
-                    self.shine(gpu, encoder, scene, band, light_point, pool, strategy, lights, starts);
-                    continue;
+            for (connection, strategy, pass) in self.connections.iter().filter(|(c, ..)| c.j == j) {
+                let Some(light_point) = started else { continue };
+                match (pass, &self.light_pool) {
+                    (Some(pass), _) => {
+                        let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
+                        pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
+                    }
+                    (None, Some(pool)) => {
+                        self.shine(gpu, encoder, scene, band, light_point, pool, strategy, lights, starts);
+                    }
+                    (None, None) => {}
                 }
-                let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
-                pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
             }
-            let Some((extension, strategy)) = self.extensions.get(j as usize - 1) else { continue };
-            let Some((_, pass)) = self.extends.iter().find(|(other, _)| other.same_code(extension)) else { continue };
+            let Some((strategy, pass)) = self.extensions.get(j as usize - 1) else { continue };
             let bundle = &self.views[self.plan.light_vertices as usize + j as usize - 1];
             pass.record(gpu, encoder, scene, band, strategy, bundle);
         }

@@ -62,14 +62,6 @@ pub struct Extension {
     pub samples: [u32; 4],
 }
 
-impl Extension {
-    /// Whether one pipeline does for both.
-    #[must_use]
-    pub fn same_code(&self, other: &Self) -> bool {
-        (self.last, self.meets) == (other.last, other.meets)
-    }
-}
-
 /// A pure value: the iteration's passes, shader flags, sizes and bytes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FramePlan {
