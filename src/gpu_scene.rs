@@ -8,7 +8,9 @@ use crate::acceleration::Acceleration;
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
 use crate::light_table::LightTable;
-use crate::scene::{Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Scalar, Scene, Sides, TextureRef, Wrap};
+use crate::scene::{
+    Boundary, Bsdf, Color, Filter, Fresnel, Geometry, Image, Material, Scalar, Scene, Sides, TextureRef, Wrap,
+};
 
 const NONE: u32 = u32::MAX;
 
@@ -24,6 +26,37 @@ const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
+/// Vertices and triangles as shaders read them. An empty scene has one triangle without area.
+struct Corners {
+    positions: Vec<[f32; 4]>,
+    attributes: Vec<layouts::Attributes>,
+    triangles: Vec<layouts::Triangle>,
+}
+
+impl Corners {
+    fn new(geometry: &Geometry) -> Self {
+        if geometry.triangles.is_empty() {
+            return Self {
+                positions: vec![[0.0; 4]; 3],
+                attributes: vec![layouts::Attributes::default(); 3],
+                triangles: vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }],
+            };
+        }
+        let attributes = geometry.vertices.iter().map(|v| layouts::Attributes {
+            normal: v.normal.to_array(),
+            color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
+            tangent: v.tangent.to_array(),
+            uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
+        });
+        let triangles = geometry.triangles.iter().zip(&geometry.materials);
+        Self {
+            positions: geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect(),
+            attributes: attributes.collect(),
+            triangles: triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect(),
+        }
+    }
+}
+
 /// The scene on the device.
 pub struct GpuScene {
     /// Number of triangles.
@@ -32,6 +65,8 @@ pub struct GpuScene {
     pub bounds: [Vec3; 2],
     /// Bytes of buffers and textures.
     pub bytes: u64,
+    /// Its materials as the scene has them.
+    source: Vec<Material>,
     /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
     pub positions: wgpu::Buffer,
     /// Where ray queries answer (see [`Self::accelerate`]).
@@ -78,29 +113,7 @@ impl GpuScene {
                 lights.count()
             )));
         }
-        let mut positions: Vec<[f32; 4]> =
-            geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
-        let mut attributes: Vec<_> = geometry
-            .vertices
-            .iter()
-            .map(|v| layouts::Attributes {
-                normal: v.normal.to_array(),
-                color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
-                tangent: v.tangent.to_array(),
-                uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
-            })
-            .collect();
-        let mut triangles: Vec<_> = geometry
-            .triangles
-            .iter()
-            .zip(&geometry.materials)
-            .map(|(&vertices, &material)| layouts::Triangle { vertices, material })
-            .collect();
-        if triangles.is_empty() {
-            positions = vec![[0.0; 4]; 3];
-            attributes = vec![layouts::Attributes::default(); 3];
-            triangles = vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }];
-        }
+        let Corners { positions, attributes, triangles } = Corners::new(geometry);
         let mut atlas = Atlas::new(gpu, scene)?;
         let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
         if materials.is_empty() {
@@ -136,6 +149,7 @@ impl GpuScene {
             + atlas.bytes;
         Ok(Self {
             triangles: triangles.len() as u32,
+            source: scene.materials.clone(),
             bounds: geometry.bounds,
             sphere: geometry.sphere(),
             bytes,
@@ -189,6 +203,31 @@ impl GpuScene {
         all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
         all.extend_from_slice(own);
         all
+    }
+
+    /// Whether another pose of the same scene has its place in these buffers: as many vertices, triangles and lights, and the same
+    /// materials.
+    #[must_use]
+    pub fn fits(&self, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> bool {
+        let as_long =
+            |buffer: &wgpu::Buffer, bytes: usize| buffer.size() == (bytes as u64).next_multiple_of(16).max(16);
+        scene.materials == self.source
+            && self.triangles as usize == geometry.triangles.len()
+            && as_long(&self.positions, 16 * geometry.vertices.len())
+            && as_long(&self.lights, size_of_val(lights.records.as_slice()))
+            && as_long(&self.light_sums, size_of_val(lights.sums.as_slice()))
+            && as_long(&self.emitters, size_of_val(lights.emitters.as_slice()))
+    }
+
+    /// Uploads another pose, which has to [fit](Self::fits). Acceleration structures stay what they were.
+    pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
+        let Corners { positions, attributes, triangles } = Corners::new(geometry);
+        gpu.queue.write_buffer(&self.positions, 0, bytemuck::cast_slice(&positions));
+        gpu.queue.write_buffer(&self.attributes, 0, bytemuck::cast_slice(&attributes));
+        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles));
+        gpu.queue.write_buffer(&self.emitters, 0, bytemuck::cast_slice(&lights.emitters));
+        self.relight(gpu, lights);
+        (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
     }
 
     /// Uploads other probabilities of the same lights.
