@@ -48,13 +48,17 @@ impl Corners {
             tangent: v.tangent.to_array(),
             uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
         });
-        let triangles = geometry.triangles.iter().zip(&geometry.materials);
         Self {
             positions: geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect(),
             attributes: attributes.collect(),
-            triangles: triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect(),
+            triangles: triangles(geometry),
         }
     }
+}
+
+fn triangles(geometry: &Geometry) -> Vec<layouts::Triangle> {
+    let triangles = geometry.triangles.iter().zip(&geometry.materials);
+    triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect()
 }
 
 /// The scene on the device.
@@ -71,7 +75,8 @@ pub struct GpuScene {
     pub positions: wgpu::Buffer,
     /// Where ray queries answer (see [`Self::accelerate`]).
     acceleration: Option<Acceleration>,
-    attributes: wgpu::Buffer,
+    /// Of vertices, beside their positions.
+    pub attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
     texture_uses: wgpu::Buffer,
@@ -219,12 +224,10 @@ impl GpuScene {
             && as_long(&self.emitters, size_of_val(lights.emitters.as_slice()))
     }
 
-    /// Uploads another pose, which has to [fit](Self::fits). Acceleration structures stay what they were.
+    /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). Acceleration structures stay what they
+    /// were.
     pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
-        let Corners { positions, attributes, triangles } = Corners::new(geometry);
-        gpu.queue.write_buffer(&self.positions, 0, bytemuck::cast_slice(&positions));
-        gpu.queue.write_buffer(&self.attributes, 0, bytemuck::cast_slice(&attributes));
-        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles));
+        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles(geometry)));
         gpu.queue.write_buffer(&self.emitters, 0, bytemuck::cast_slice(&lights.emitters));
         self.relight(gpu, lights);
         (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());

@@ -12,12 +12,13 @@ use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::{LightTable, Met};
 use crate::light_tree::LightTree;
+use crate::passes::deform::Deform;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
-use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
+use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, deform, read_film};
 use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
@@ -54,12 +55,11 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+    fn new(gpu: &Gpu, scene: &Scene, geometry: Geometry, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let camera = camera_of(scene, settings)?;
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
         check_size(gpu, settings, limit / 64)?;
-        let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
@@ -104,6 +104,8 @@ pub struct PathRenderer<'gpu> {
     resolve: Resolve,
     shared: Shared,
     pixels: Pixels,
+    /// Made for the second pose.
+    deform: Option<Deform>,
     samples: u64,
     stats: RenderStats,
 }
@@ -115,7 +117,8 @@ impl<'gpu> PathRenderer<'gpu> {
     /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
     /// [`RenderError::Gpu`], also where the device was opened without ray queries.
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
-        let Prepared { geometry, camera, plan, table, light_nodes, constants } = Prepared::new(gpu, scene, settings)?;
+        let Prepared { geometry, camera, plan, table, light_nodes, constants } =
+            Prepared::new(gpu, scene, Geometry::new(scene), settings)?;
         let both_sides = settings.method == Method::RayQuery;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -145,6 +148,7 @@ impl<'gpu> PathRenderer<'gpu> {
             settings: settings.clone(),
             constants,
             plan,
+            deform: None,
             samples: 0,
         };
         this.count_only(settings.only);
@@ -158,13 +162,15 @@ impl<'gpu> PathRenderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let prepared = Prepared::new(self.gpu, scene, &self.settings)?;
+        let (geometry, origins) = Geometry::with_origins(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
         if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
         let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &table);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins);
         self.scene.accelerate(self.gpu, scene, &geometry)?;
         let described = describe_camera(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));

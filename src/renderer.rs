@@ -8,7 +8,9 @@ use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::light_table::{LightTable, Met};
+use crate::passes::deform::Deform;
 use crate::plan::FramePlan;
+use crate::scene::geometry::Origin;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, Settings, Strategies};
 use crate::view::Answers;
@@ -79,9 +81,8 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+    fn new(gpu: &Gpu, scene: &Scene, geometry: Geometry, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
-        let geometry = Geometry::new(scene);
         let stats = SceneStats::new(scene, &geometry);
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
@@ -108,6 +109,8 @@ pub struct Renderer<'gpu> {
     settings: Settings,
     plan: FramePlan,
     frame: Frame,
+    /// Made for the second pose.
+    deform: Option<Deform>,
     samples: u64,
     stats: RenderStats,
 }
@@ -119,7 +122,8 @@ impl<'gpu> Renderer<'gpu> {
     /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
     /// [`RenderError::Gpu`].
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
-        let Prepared { geometry, camera, plan, mut lights } = Prepared::new(gpu, scene, settings)?;
+        let Prepared { geometry, camera, plan, mut lights } =
+            Prepared::new(gpu, scene, Geometry::new(scene), settings)?;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -141,6 +145,7 @@ impl<'gpu> Renderer<'gpu> {
             settings: settings.clone(),
             plan,
             frame,
+            deform: None,
             samples: 0,
         })
     }
@@ -151,7 +156,8 @@ impl<'gpu> Renderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let prepared = Prepared::new(self.gpu, scene, &self.settings)?;
+        let (geometry, origins) = Geometry::with_origins(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
         // The clamp of `paper` is a share of the scene's size, which its pipelines' constants hold.
         let kept = prepared.plan == self.plan && self.settings.strategies != Strategies::Paper;
         if !kept || !self.scene.fits(scene, &prepared.geometry, &prepared.lights) {
@@ -160,6 +166,7 @@ impl<'gpu> Renderer<'gpu> {
         }
         let Prepared { geometry, camera, mut lights, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &lights);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins);
         if self.plan.rays {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
@@ -265,6 +272,14 @@ impl Progressive for Renderer<'_> {
             ..self.stats.clone()
         }
     }
+}
+
+/// Puts the vertices on the device where a pose of the scene has them.
+pub(crate) fn deform(gpu: &Gpu, pass: &mut Option<Deform>, gpu_scene: &GpuScene, scene: &Scene, origins: &[Origin]) {
+    let pass = pass.get_or_insert_with(|| Deform::new(gpu, scene, origins));
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("deform") });
+    pass.record(gpu, &mut encoder, gpu_scene, scene, origins);
+    gpu.queue.submit([encoder.finish()]);
 }
 
 /// The camera that the settings name.

@@ -52,6 +52,7 @@ modules!(
     "visibility/twin",
     "accumulate",
     "connect",
+    "deform",
     "depth_maps",
     "draws",
     "extend",

@@ -4,6 +4,8 @@
 //! bakes the pose of a time into a scene without a rig, so that whoever renders it sees a scene like any other: instances,
 //! cameras and lights where their nodes are, meshes morphed, then skinned (glTF 2.0, 3.7.2.2 and 3.7.3).
 
+use std::sync::Arc;
+
 use glam::{Affine3A, Mat3A, Mat4, Quat, Vec3, Vec3A, Vec4};
 
 use super::{Bsdf, Light, LoadError, Mesh, Projection, Scene, load};
@@ -343,7 +345,7 @@ impl Deformation {
     /// Blends each vertex by its joints' matrices.
     fn skin(&self, mesh: &mut Mesh, matrices: &[Mat4]) {
         let mut mirrored = vec![false; mesh.positions.len()];
-        for i in 0..mesh.positions.len() {
+        for (i, mirrored) in mirrored.iter_mut().enumerate() {
             let (mut blend, mut total) = (Mat4::ZERO, 0.0);
             for &(joint, weight) in self.joints_of(i) {
                 blend += matrices[joint as usize] * weight;
@@ -352,17 +354,17 @@ impl Deformation {
             let blend = if total == 0.0 { Mat4::IDENTITY } else { blend * (1.0 / total) };
             mesh.positions[i] = blend.transform_point3(mesh.positions[i]);
             let linear = Mat3A::from_mat4(blend);
-            mirrored[i] = linear.determinant() < 0.0;
+            *mirrored = linear.determinant() < 0.0;
             if let Some(normal) = mesh.normals.get_mut(i) {
                 let cofactor = Mat3A::from_cols(
                     linear.y_axis.cross(linear.z_axis),
                     linear.z_axis.cross(linear.x_axis),
                     linear.x_axis.cross(linear.y_axis),
                 );
-                *normal = Vec3::from(cofactor * Vec3A::from(*normal)) * if mirrored[i] { -1.0 } else { 1.0 };
+                *normal = Vec3::from(cofactor * Vec3A::from(*normal)) * if *mirrored { -1.0 } else { 1.0 };
             }
             if let Some(tangent) = mesh.tangents.get_mut(i) {
-                let w = if mirrored[i] { -tangent.w } else { tangent.w };
+                let w = if *mirrored { -tangent.w } else { tangent.w };
                 *tangent = Vec3::from(linear * Vec3A::from(tangent.truncate())).extend(w);
             }
         }
@@ -433,6 +435,17 @@ pub struct Rig {
     pub animations: Vec<Animation>,
 }
 
+/// What deforms the meshes of a scene that [`Scene::at`] has posed.
+#[derive(Clone, Debug)]
+pub struct Pose {
+    /// Where the shapes are.
+    pub rig: Arc<Rig>,
+    /// World from bind pose of each joint of each skin.
+    pub skins: Vec<Vec<Mat4>>,
+    /// Weights of the morph targets of each shape.
+    pub weights: Vec<Vec<f32>>,
+}
+
 /// Nodes, weights of morph targets by node, and other values at a time.
 struct Moment {
     world: Vec<Affine3A>,
@@ -486,9 +499,11 @@ impl Scene {
             }
         }
         let skins: Vec<_> = rig.skins.iter().map(|skin| skin.matrices(&world)).collect();
-        for shape in &rig.shapes {
-            let moved = weights.iter().rfind(|(node, _)| Some(*node) == shape.node);
-            out.meshes[shape.mesh] = shape.pose(moved.map_or(&shape.weights, |(_, weights)| weights), &skins);
+        let moved = |shape: &Shape| weights.iter().rfind(|(node, _)| Some(*node) == shape.node);
+        let weights: Vec<_> =
+            rig.shapes.iter().map(|shape| moved(shape).map_or(&shape.weights, |(_, w)| w).clone()).collect();
+        for (shape, weights) in rig.shapes.iter().zip(&weights) {
+            out.meshes[shape.mesh] = shape.pose(weights, &skins);
         }
         for (camera, &(node, _)) in out.cameras.iter_mut().zip(&rig.cameras) {
             camera.world_from_camera = rigid(world[node]);
@@ -498,6 +513,7 @@ impl Scene {
         }
         out.change(&rig, &others);
         load::check_instances(&out).map_err(|(i, cause)| failed(format!("instance {i}: {cause}")))?;
+        out.pose = Some(Pose { rig, skins, weights });
         Ok(out)
     }
 

@@ -27,7 +27,7 @@ pub mod stats;
 pub mod tangents;
 pub mod texture;
 
-pub use animation::Rig;
+pub use animation::{Pose, Rig};
 pub use camera::{Camera, FovAxis, Lens, Projection};
 pub use emitter::Emitter;
 pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
@@ -69,6 +69,8 @@ pub struct Scene {
     pub cameras: Vec<Camera>,
     /// What moves, where the file animates anything; the scene is in its rest pose.
     pub rig: Option<Arc<Rig>>,
+    /// How the meshes came to be what they are, in a scene that was posed.
+    pub pose: Option<Pose>,
     /// One sentence per unsupported or repaired thing: what it is and what was done instead.
     pub warnings: Vec<String>,
 }
