@@ -170,7 +170,7 @@ impl<'gpu> PathRenderer<'gpu> {
         }
         let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &table);
-        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
         self.scene.accelerate(self.gpu, scene, &geometry)?;
         let described = describe_camera(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));

@@ -166,7 +166,7 @@ impl<'gpu> Renderer<'gpu> {
         }
         let Prepared { geometry, camera, mut lights, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &lights);
-        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
         if self.plan.rays {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
@@ -275,11 +275,21 @@ impl Progressive for Renderer<'_> {
 }
 
 /// Puts the vertices on the device where a pose of the scene has them.
-pub(crate) fn deform(gpu: &Gpu, pass: &mut Option<Deform>, gpu_scene: &GpuScene, scene: &Scene, origins: &[Origin]) {
-    let pass = pass.get_or_insert_with(|| Deform::new(gpu, scene, origins));
+pub(crate) fn deform(
+    gpu: &Gpu,
+    pass: &mut Option<Deform>,
+    gpu_scene: &GpuScene,
+    scene: &Scene,
+    origins: &[Origin],
+) -> Result<(), GpuError> {
+    let pass = match pass {
+        Some(pass) => pass,
+        None => pass.insert(Deform::new(gpu, scene, origins)?),
+    };
     let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("deform") });
     pass.record(gpu, &mut encoder, gpu_scene, scene, origins);
     gpu.queue.submit([encoder.finish()]);
+    Ok(())
 }
 
 /// The camera that the settings name.

@@ -359,7 +359,7 @@ fn deformed(gpu: &Gpu, from: &Scene, to: &Scene, expected: &Scene) -> [f32; 2] {
     let (geometry, origins) = Geometry::with_origins(from);
     let lights = LightTable::new(from, &geometry, Met::Never);
     let on_device = GpuScene::new(gpu, from, &geometry, &lights).unwrap();
-    let mut pass = Deform::new(gpu, from, &origins);
+    let mut pass = Deform::new(gpu, from, &origins).unwrap();
     let (expected, origins) = (Geometry::new(expected), Geometry::with_origins(to).1);
     assert_eq!(expected.vertices.len(), geometry.vertices.len());
     let mut encoder = gpu.device.create_command_encoder(&Default::default());

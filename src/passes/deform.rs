@@ -6,7 +6,7 @@
 
 use glam::{Mat4, Vec3, Vec4};
 
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Compute, Gpu, GpuError};
 use crate::gpu_scene::GpuScene;
 use crate::layouts::{Joint, MorphOffset, Origin, PosedInstance, RestVertex};
 use crate::scene::animation::Shape;
@@ -71,8 +71,10 @@ fn begins(lengths: impl Iterator<Item = usize>) -> Vec<u32> {
 
 impl Deform {
     /// Builds the pipeline and uploads a scene as it rests; `origins` are the vertices of its geometry.
-    #[must_use]
-    pub fn new(gpu: &Gpu, scene: &Scene, origins: &[geometry::Origin]) -> Self {
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] where that exceeds what the adapter can bind, with the numbers.
+    pub fn new(gpu: &Gpu, scene: &Scene, origins: &[geometry::Origin]) -> Result<Self, GpuError> {
         let (mut rest, mut joints, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
         let (mut first, mut instances) = (Vec::new(), Vec::new());
         for (i, instance) in scene.instances.iter().enumerate() {
@@ -110,10 +112,20 @@ impl Deform {
             instances.push(PosedInstance { targets, vertices, ..Default::default() });
         }
         let Moving { matrices, weights, .. } = Moving::new(scene);
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let largest = size_of_val(rest.as_slice()).max(size_of_val(offsets.as_slice())).max(8 * joints.len()) as u64;
+        if largest > limit {
+            return Err(GpuError::Device(format!(
+                "what moves has {} vertices and {} offsets by morph targets, which need a binding of {largest} bytes; the adapter's limit \
+                 is {limit}: render frames one by one with --at",
+                rest.len(),
+                offsets.len()
+            )));
+        }
         let flags = [("SKINS", !joints.is_empty()), ("MORPHS", !offsets.is_empty())];
         let flags: Vec<_> = flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect();
         let storage = |label, bytes: usize| gpu.storage(label, bytes as u64);
-        Self {
+        Ok(Self {
             pipeline: Compute::new(gpu, "deform", "deform", &flags),
             rest: gpu.upload("rest", &rest),
             origins: storage("origins", size_of_val(origins)),
@@ -125,7 +137,7 @@ impl Deform {
             }),
             first,
             instances,
-        }
+        })
     }
 
     /// Uploads a pose of the same scene, and records the pass. `origins` are the vertices of its geometry, as many as ever.
