@@ -351,6 +351,45 @@ fn wrong_animations_are_refused() {
     assert!(near(&corners(&scene.at(0, 1.0).unwrap()), &[[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 2.0, 0.0]]));
 }
 
+/// Every number of a file, changed to others: a scene, posed, or an error that names the file; never a panic.
+#[test]
+fn no_number_of_a_file_makes_it_panic() {
+    fn numbers(value: &Value, path: String, out: &mut Vec<String>) {
+        match value {
+            Value::Number(_) => out.push(path),
+            Value::Array(all) => {
+                all.iter().enumerate().for_each(|(i, v)| numbers(v, format!("{path}/{i}"), out));
+            }
+            Value::Object(all) => all.iter().for_each(|(k, v)| numbers(v, format!("{path}/{k}"), out)),
+            _ => {}
+        }
+    }
+    let mut original = bones();
+    let offsets = original.floats("VEC3", &[0.0; 9]);
+    original.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "POSITION": offsets }]);
+    original.animate(json!({ "node": 0, "path": "weights" }), &[0.0, 1.0], "SCALAR", &[0.0, 1.0]);
+    let mut places = Vec::new();
+    numbers(&original.json, String::new(), &mut places);
+    assert!(places.len() > 60, "{}", places.len());
+    let (mut refused, mut posed) = (0, 0);
+    for place in &places {
+        for number in [json!(-1), json!(0), json!(1), json!(2), json!(5), json!(4_000_000_000_u32), json!(-1e38)] {
+            let mut changed = Draft { json: original.json.clone(), data: original.data.clone() };
+            *changed.json.pointer_mut(place).unwrap() = number;
+            let path = changed.write("changed.gltf");
+            match scene::load(path.to_str().unwrap()).and_then(|scene| scene.at(0, 0.5)) {
+                Ok(scene) => posed += usize::from(Geometry::new(&scene).vertices.len() < 100),
+                Err(error) => {
+                    assert!(error.to_string().contains("changed.gltf"), "{place}: {error}");
+                    refused += 1;
+                }
+            }
+        }
+    }
+    println!("{posed} posed, {refused} refused");
+    assert!(posed > 50 && refused > 50, "{posed} {refused}");
+}
+
 // --- The compute stage ---
 
 /// Vertices that were uploaded in one pose and deformed to another on the device, against what the CPU makes of a pose: the largest
