@@ -159,6 +159,11 @@ impl Frame {
         frame
     }
 
+    /// Makes what the light sees anew: it, or what it shines on, has moved.
+    pub fn forget_lights(&mut self) {
+        self.light_in_view = None;
+    }
+
     /// What each light would give the picture, in any unit, if nothing stood between.
     ///
     /// # Errors

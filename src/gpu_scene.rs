@@ -9,7 +9,8 @@ use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
 use crate::light_table::LightTable;
 use crate::scene::{
-    Boundary, Bsdf, Color, EnvironmentMap, Filter, Fresnel, Geometry, Image, Scalar, Scene, Sides, TextureRef, Wrap,
+    Boundary, Bsdf, Color, EnvironmentMap, Filter, Fresnel, Geometry, Image, Material, Scalar, Scene, Sides,
+    TextureRef, Wrap,
 };
 
 const NONE: u32 = u32::MAX;
@@ -26,6 +27,41 @@ const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
+/// Vertices and triangles as shaders read them. An empty scene has one triangle without area.
+struct Corners {
+    positions: Vec<[f32; 4]>,
+    attributes: Vec<layouts::Attributes>,
+    triangles: Vec<layouts::Triangle>,
+}
+
+impl Corners {
+    fn new(geometry: &Geometry) -> Self {
+        if geometry.triangles.is_empty() {
+            return Self {
+                positions: vec![[0.0; 4]; 3],
+                attributes: vec![layouts::Attributes::default(); 3],
+                triangles: vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }],
+            };
+        }
+        let attributes = geometry.vertices.iter().map(|v| layouts::Attributes {
+            normal: v.normal.to_array(),
+            color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
+            tangent: v.tangent.to_array(),
+            uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
+        });
+        Self {
+            positions: geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect(),
+            attributes: attributes.collect(),
+            triangles: triangles(geometry),
+        }
+    }
+}
+
+fn triangles(geometry: &Geometry) -> Vec<layouts::Triangle> {
+    let triangles = geometry.triangles.iter().zip(&geometry.materials);
+    triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect()
+}
+
 /// The scene on the device.
 pub struct GpuScene {
     /// Number of triangles.
@@ -34,11 +70,14 @@ pub struct GpuScene {
     pub bounds: [Vec3; 2],
     /// Bytes of buffers and textures.
     pub bytes: u64,
+    /// Its materials as the scene has them.
+    source: Vec<Material>,
     /// Of vertices, 16 bytes each: what raster passes read and acceleration structures are built from.
     pub positions: wgpu::Buffer,
     /// Where ray queries answer (see [`Self::accelerate`]).
     acceleration: Option<Acceleration>,
-    attributes: wgpu::Buffer,
+    /// Of vertices, beside their positions.
+    pub attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
     textures: Option<Textures>,
@@ -85,29 +124,7 @@ impl GpuScene {
                 lights.count()
             )));
         }
-        let mut positions: Vec<[f32; 4]> =
-            geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect();
-        let mut attributes: Vec<_> = geometry
-            .vertices
-            .iter()
-            .map(|v| layouts::Attributes {
-                normal: v.normal.to_array(),
-                color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
-                tangent: v.tangent.to_array(),
-                uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
-            })
-            .collect();
-        let mut triangles: Vec<_> = geometry
-            .triangles
-            .iter()
-            .zip(&geometry.materials)
-            .map(|(&vertices, &material)| layouts::Triangle { vertices, material })
-            .collect();
-        if triangles.is_empty() {
-            positions = vec![[0.0; 4]; 3];
-            attributes = vec![layouts::Attributes::default(); 3];
-            triangles = vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }];
-        }
+        let Corners { positions, attributes, triangles } = Corners::new(geometry);
         let mut atlas = Atlas::new(gpu, scene)?;
         let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
         if materials.is_empty() {
@@ -120,16 +137,7 @@ impl GpuScene {
         let attributes = gpu.upload("attributes", &attributes);
         let triangle_buffer = gpu.upload("triangles", &triangles);
         let materials = gpu.upload("materials", &materials);
-        let bytes_of_tables: [&[u8]; 5] = [
-            // The table of no light holds one that never shines.
-            bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records }),
-            bytemuck::cast_slice(&lights.sums),
-            bytemuck::cast_slice(&lights.emitters),
-            bytemuck::cast_slice(&lights.patterns),
-            bytemuck::cast_slice(&lights.sky_shares),
-        ];
-        let tables = TABLES.into_iter().zip(bytes_of_tables).filter(|(_, data)| !data.is_empty());
-        let tables: Vec<_> = tables.map(|(name, data)| (name, gpu.upload(name, data))).collect();
+        let tables: Vec<_> = tables_of(lights).map(|(name, data)| (name, gpu.upload(name, data))).collect();
         let positions = upload_positions(gpu, &positions);
         let mut bytes =
             [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
@@ -139,6 +147,7 @@ impl GpuScene {
         bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
         Ok(Self {
             triangles: triangles.len() as u32,
+            source: scene.materials.clone(),
             bounds: geometry.bounds,
             sphere: geometry.sphere(),
             bytes,
@@ -208,14 +217,34 @@ impl GpuScene {
         all
     }
 
-    /// Uploads other probabilities of the same lights.
+    /// Whether another pose of the same scene has its place in these buffers: as many vertices, triangles and lights, and the same
+    /// materials.
+    #[must_use]
+    pub fn fits(&self, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> bool {
+        let as_long =
+            |buffer: &wgpu::Buffer, bytes: usize| buffer.size() == (bytes as u64).next_multiple_of(16).max(16);
+        let wanted: Vec<_> = tables_of(lights).collect();
+        scene.materials == self.source
+            && self.triangles as usize == geometry.triangles.len()
+            && as_long(&self.positions, 16 * geometry.vertices.len())
+            && self.tables.len() == wanted.len()
+            && self.tables.iter().zip(wanted).all(|((name, table), (n, data))| *name == n && as_long(table, data.len()))
+    }
+
+    /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). Acceleration structures stay what they
+    /// were.
+    pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
+        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles(geometry)));
+        self.relight(gpu, lights);
+        (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
+    }
+
+    /// Uploads other places and probabilities of the same lights.
     pub fn relight(&self, gpu: &Gpu, lights: &LightTable) {
         gpu.queue.write_buffer(&self.lighting, 0, bytemuck::bytes_of(&lights.lighting));
-        for (name, table) in &self.tables {
-            match *name {
-                "lights" => gpu.queue.write_buffer(table, 0, bytemuck::cast_slice(&lights.records)),
-                "light_sums" => gpu.queue.write_buffer(table, 0, bytemuck::cast_slice(&lights.sums)),
-                _ => {}
+        for (name, data) in tables_of(lights) {
+            for (_, table) in self.tables.iter().filter(|(there, _)| *there == name) {
+                gpu.queue.write_buffer(table, 0, data);
             }
         }
     }
@@ -237,6 +266,19 @@ impl GpuScene {
     pub fn sphere(&self) -> (Vec3, f32) {
         self.sphere
     }
+}
+
+/// The tables of lights that shaders read, by their name there; those that hold anything.
+fn tables_of(lights: &LightTable) -> impl Iterator<Item = (&'static str, &[u8])> {
+    let bytes: [&[u8]; 5] = [
+        // The table of no light holds one that never shines.
+        bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records }),
+        bytemuck::cast_slice(&lights.sums),
+        bytemuck::cast_slice(&lights.emitters),
+        bytemuck::cast_slice(&lights.patterns),
+        bytemuck::cast_slice(&lights.sky_shares),
+    ];
+    TABLES.into_iter().zip(bytes).filter(|(_, data)| !data.is_empty())
 }
 
 /// Acceleration structures are built from the same buffer, where the device has them.

@@ -40,6 +40,46 @@ layouts! {
         material: u32,
     }
 
+    /// A vertex before it is posed.
+    struct RestVertex in "deform" {
+        position: [f32; 3],
+        instance: u32,
+        normal: [f32; 3],
+        joints_begin: u32,
+        tangent: [f32; 4],
+        joints_end: u32,
+        morph: u32,
+        pad: [u32; 2],
+    }
+
+    /// Where a posed vertex comes from.
+    struct Origin in "deform" {
+        corners: [u32; 3],
+        source: u32,
+    }
+
+    /// An instance in its pose.
+    struct PosedInstance in "deform" {
+        world_from_local: [[f32; 4]; 3],
+        matrices: u32,
+        weights: u32,
+        targets: u32,
+        vertices: u32,
+    }
+
+    /// A joint that a vertex follows.
+    struct Joint in "deform" {
+        index: u32,
+        weight: f32,
+    }
+
+    /// What a morph target adds to a vertex.
+    struct MorphOffset in "deform" {
+        position: [f32; 4],
+        normal: [f32; 4],
+        tangent: [f32; 4],
+    }
+
     /// A material.
     struct Material in "connect" {
         base: [f32; 3],

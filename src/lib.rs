@@ -54,6 +54,12 @@
 //! strategies come from one running number per subpath (shaders/lib/mis_subpaths). Surfaces choose lights down a tree
 //! ([`light_tree`]); [`passes::reservoirs`] resamples them where the camera looks.
 //!
+//! # What moves
+//!
+//! A file that animates anything leaves a rig beside its scene at rest ([`scene::animation`]), and [`scene::Scene::at`] bakes the pose
+//! of a time into a scene like any other. [`renderer::Renderer::pose`] goes on from one to the next: [`passes::deform`] morphs, skins
+//! and places every vertex in the buffers that all passes and ray queries read; bounds and lights come from the CPU's pose.
+//!
 //! # Glossary
 //!
 //! - **light subpath** y0 y1 y2: y0 on the light. **Eye subpath** z0 z1 z2 ...: z0 the camera.

@@ -12,13 +12,14 @@ use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::{LightTable, Met};
 use crate::light_tree::LightTree;
+use crate::passes::deform::Deform;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
-use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
-use crate::scene::{Geometry, Projection, Scene, SceneStats};
+use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, deform, read_film};
+use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
 /// Samples between looks at the log.
@@ -43,6 +44,53 @@ struct Pixels {
     light: Option<(wgpu::Buffer, wgpu::Buffer)>,
 }
 
+/// What of a scene does not need the device.
+struct Prepared {
+    geometry: Geometry,
+    camera: Camera,
+    plan: PathPlan,
+    table: LightTable,
+    light_nodes: Option<Vec<layouts::LightNode>>,
+    constants: layouts::Paths,
+}
+
+impl Prepared {
+    fn new(gpu: &Gpu, scene: &Scene, geometry: Geometry, settings: &Settings) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
+        let camera = camera_of(scene, settings)?;
+        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        check_size(gpu, settings, limit / 64)?;
+        let stats = SceneStats::new(scene, &geometry);
+        let both_sides = settings.method == Method::RayQuery;
+        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
+        let mut light_nodes = None;
+        if plan.light_sampling.has_tree() {
+            let tree = LightTree::new(&table, scene, &geometry);
+            table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
+            check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
+            light_nodes = Some(tree.nodes);
+        }
+        let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
+        let constants = layouts::Paths {
+            seed: settings.seed,
+            bounces: plan.bounces,
+            lens_radius: lens.map_or(0.0, |l| l.radius),
+            focus: lens.map_or(1.0, |l| l.focus),
+            only_s: ANY,
+            only_t: ANY,
+            splat_scale: splat_scale(table.power, geometry.sphere().1),
+            even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
+            tree_lights: table.finite as u32,
+            tree_share: table.finite_share(),
+            biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
+            memory: settings.restir_memory,
+            ..Default::default()
+        };
+        Ok(Self { geometry, camera, plan, table, light_nodes, constants })
+    }
+}
+
 /// A scene being rendered with ray queries.
 pub struct PathRenderer<'gpu> {
     gpu: &'gpu Gpu,
@@ -56,6 +104,8 @@ pub struct PathRenderer<'gpu> {
     resolve: Resolve,
     shared: Shared,
     pixels: Pixels,
+    /// Made for the second pose.
+    deform: Option<Deform>,
     samples: u64,
     stats: RenderStats,
 }
@@ -67,44 +117,16 @@ impl<'gpu> PathRenderer<'gpu> {
     /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
     /// [`RenderError::Gpu`], also where the device was opened without ray queries.
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
-        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
-        let camera = camera_of(scene, settings)?;
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        check_size(gpu, settings, limit / 64)?;
-        let geometry = Geometry::new(scene);
-        let stats = SceneStats::new(scene, &geometry);
+        let Prepared { geometry, camera, plan, table, light_nodes, constants } =
+            Prepared::new(gpu, scene, Geometry::new(scene), settings)?;
         let both_sides = settings.method == Method::RayQuery;
-        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
-        let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
-        let mut light_nodes = None;
-        if plan.light_sampling.has_tree() {
-            let tree = LightTree::new(&table, scene, &geometry);
-            table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
-            check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
-            light_nodes = Some(gpu.upload("light_nodes", &tree.nodes));
-        }
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
         // Its shaders always ask how many lights there are.
         gpu_scene.stand_in(gpu, &[plan.flags.as_slice(), &["PUNCTUAL"]].concat());
         gpu_scene.accelerate(gpu, scene, &geometry)?;
-        let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
-        let constants = layouts::Paths {
-            seed: settings.seed,
-            bounces: plan.bounces,
-            lens_radius: lens.map_or(0.0, |l| l.radius),
-            focus: lens.map_or(1.0, |l| l.focus),
-            only_s: ANY,
-            only_t: ANY,
-            splat_scale: splat_scale(table.power, gpu_scene.sphere().1),
-            even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
-            tree_lights: table.finite as u32,
-            tree_share: table.finite_share(),
-            biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
-            memory: settings.restir_memory,
-            ..Default::default()
-        };
         let frame = gpu.uniform::<layouts::Frame>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera(&camera, settings)));
+        let light_nodes = light_nodes.map(|nodes| gpu.upload("light_nodes", &nodes));
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
             light_paths: both_sides.then(|| LightPaths::new(gpu, &plan.flags)),
@@ -128,11 +150,37 @@ impl<'gpu> PathRenderer<'gpu> {
             settings: settings.clone(),
             constants,
             plan,
+            deform: None,
             samples: 0,
         };
         this.count_only(settings.only);
         gpu.check()?;
         Ok(this)
+    }
+
+    /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would make. Pipelines and
+    /// buffers are kept where plan, materials and numbers of triangles, vertices and lights are what they were.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        let (geometry, origins) = Geometry::with_origins(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
+        if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
+            *self = Self::new(self.gpu, scene, &self.settings)?;
+            return Ok(());
+        }
+        let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
+        self.scene.pose(self.gpu, &geometry, &table);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
+        self.scene.accelerate(self.gpu, scene, &geometry)?;
+        let described = describe_camera(&camera, &self.settings);
+        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
+        self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
+        self.constants = constants;
+        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.count_only(self.settings.only);
+        Ok(self.gpu.check()?)
     }
 
     /// Begins anew, with one strategy that counts or with all.

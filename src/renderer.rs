@@ -8,9 +8,11 @@ use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::light_table::{LightTable, Met};
+use crate::passes::deform::Deform;
 use crate::plan::FramePlan;
+use crate::scene::geometry::Origin;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
-use crate::settings::{LightSampling, Settings};
+use crate::settings::{LightSampling, Settings, Strategies};
 use crate::view::Answers;
 
 /// Iterations between looks at the log.
@@ -70,6 +72,41 @@ pub trait Progressive {
     fn stats(&self) -> RenderStats;
 }
 
+/// What of a scene does not need the device.
+struct Prepared {
+    geometry: Geometry,
+    camera: Camera,
+    plan: FramePlan,
+    lights: LightTable,
+}
+
+impl Prepared {
+    /// Where other facts of the scene are `forced`, these are believed.
+    fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        geometry: Geometry,
+        settings: &Settings,
+        forced: Option<SceneStats>,
+    ) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
+        let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
+        let camera = camera_of(scene, settings)?;
+        let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
+        check_size(gpu, settings, u64::MAX)?;
+        let side = gpu.capabilities.max_texture_side;
+        let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
+        if largest > side {
+            return Err(RenderError::Setting(format!(
+                "a view of {largest} texels a side does not fit this device, whose limit is {side}"
+            )));
+        }
+        let table = LightTable::new(scene, &geometry, if plan.starts_from_met { Met::All } else { Met::Never });
+        let even = settings.light_sampling == Some(LightSampling::Uniform);
+        Ok(Self { geometry, camera, plan, lights: if even { table.even() } else { table } })
+    }
+}
+
 /// A scene being rendered by rasterization.
 pub struct Renderer<'gpu> {
     gpu: &'gpu Gpu,
@@ -79,6 +116,8 @@ pub struct Renderer<'gpu> {
     settings: Settings,
     plan: FramePlan,
     frame: Frame,
+    /// Made for the second pose.
+    deform: Option<Deform>,
     samples: u64,
     stats: RenderStats,
 }
@@ -103,23 +142,9 @@ impl<'gpu> Renderer<'gpu> {
     }
 
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
-        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
-        let geometry = Geometry::new(scene);
-        let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
-        let camera = camera_of(scene, settings)?;
-        let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
-        check_size(gpu, settings, u64::MAX)?;
-        let side = gpu.capabilities.max_texture_side;
-        let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
-        if largest > side {
-            return Err(RenderError::Setting(format!(
-                "a view of {largest} texels a side does not fit this device, whose limit is {side}"
-            )));
-        }
-        let table = LightTable::new(scene, &geometry, if plan.starts_from_met { Met::All } else { Met::Never });
-        let even = settings.light_sampling == Some(LightSampling::Uniform);
-        let mut table = if even { table.even() } else { table };
-        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        let Prepared { geometry, camera, plan, mut lights } =
+            Prepared::new(gpu, scene, Geometry::new(scene), settings, forced)?;
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
         gpu_scene.stand_in(gpu, &[plan.surface_flags.as_slice(), &plan.light_flags].concat());
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -128,21 +153,54 @@ impl<'gpu> Renderer<'gpu> {
         let directions = environment.and_then(BundleDirections::new);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
         if plan.lights_for_view {
-            table.favour(&frame.light_gifts(gpu, &gpu_scene, &camera, &table, settings)?);
-            gpu_scene.relight(gpu, &table);
+            lights.favour(&frame.light_gifts(gpu, &gpu_scene, &camera, &lights, settings)?);
+            gpu_scene.relight(gpu, &lights);
         }
         gpu.check()?;
         Ok(Self {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
             scene: gpu_scene,
-            lights: table,
+            lights,
             camera,
             settings: settings.clone(),
             plan,
             frame,
+            deform: None,
             samples: 0,
         })
+    }
+
+    /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would make. Pipelines and
+    /// buffers are kept where plan, materials and numbers of triangles, vertices and lights are what they were.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        let (geometry, origins) = Geometry::with_origins(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings, None)?;
+        // The clamp of `paper` is a share of the scene's size, which its pipelines' constants hold.
+        let kept = prepared.plan == self.plan && self.settings.strategies != Strategies::Paper;
+        if !kept || !self.scene.fits(scene, &prepared.geometry, &prepared.lights) {
+            *self = Self::new(self.gpu, scene, &self.settings)?;
+            return Ok(());
+        }
+        let Prepared { geometry, camera, mut lights, .. } = prepared;
+        self.scene.pose(self.gpu, &geometry, &lights);
+        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
+        if self.plan.rays {
+            self.scene.accelerate(self.gpu, scene, &geometry)?;
+        }
+        self.frame.forget_lights();
+        if self.plan.lights_for_view {
+            let gifts = self.frame.light_gifts(self.gpu, &self.scene, &camera, &lights, &self.settings)?;
+            lights.favour(&gifts);
+            self.scene.relight(self.gpu, &lights);
+        }
+        (self.camera, self.lights) = (camera, lights);
+        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.restart(self.settings.seed);
+        Ok(self.gpu.check()?)
     }
 
     /// What each iteration does.
@@ -235,6 +293,24 @@ impl Progressive for Renderer<'_> {
             ..self.stats.clone()
         }
     }
+}
+
+/// Puts the vertices on the device where a pose of the scene has them.
+pub(crate) fn deform(
+    gpu: &Gpu,
+    pass: &mut Option<Deform>,
+    gpu_scene: &GpuScene,
+    scene: &Scene,
+    origins: &[Origin],
+) -> Result<(), GpuError> {
+    let pass = match pass {
+        Some(pass) => pass,
+        None => pass.insert(Deform::new(gpu, scene, origins)?),
+    };
+    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("deform") });
+    pass.record(gpu, &mut encoder, gpu_scene, scene, origins);
+    gpu.queue.submit([encoder.finish()]);
+    Ok(())
 }
 
 /// The camera that the settings name.

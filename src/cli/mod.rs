@@ -25,7 +25,7 @@ use lightsheaf::scene::{self, Geometry, SceneStats};
 use lightsheaf::settings::Method;
 use lightsheaf::stress::messages::Listener;
 
-use view::ViewArgs;
+use view::{View, ViewArgs};
 
 /// Global illumination by rasterization alone
 ///
@@ -105,18 +105,22 @@ fn plan(args: &PlanArgs) -> Result<()> {
     if method == Method::Reference {
         bail!("--method {method}: it does the same for every scene, and has no plan");
     }
-    let (scene, settings) = args.view.load()?;
+    let View { scene, settings, animations } = args.view.load()?;
     let gpu = open(method)?;
     let stats = SceneStats::new(&scene, &Geometry::new(&scene));
     if !method.shares_subpaths() {
-        return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities));
+        return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities), &animations);
     }
-    args.print(&FramePlan::new(&stats, &settings, &gpu.capabilities))
+    args.print(&FramePlan::new(&stats, &settings, &gpu.capabilities), &animations)
 }
 
 impl PlanArgs {
-    fn print(&self, plan: &(impl Display + Serialize)) -> Result<()> {
-        output::print(&if self.json { serde_json::to_string_pretty(plan)? } else { plan.to_string() })
+    fn print(&self, plan: &(impl Display + Serialize), animations: &[String]) -> Result<()> {
+        if self.json {
+            return output::print(&serde_json::to_string_pretty(plan)?);
+        }
+        let all = if animations.is_empty() { "none".to_owned() } else { animations.join(", ") };
+        output::print(&format!("{plan}\nanimations     {all}"))
     }
 }
 

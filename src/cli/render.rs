@@ -16,7 +16,7 @@ use lightsheaf::scene::Scene;
 use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 
 use super::output;
-use super::view::ViewArgs;
+use super::view::{self, ANIMATION, View, ViewArgs};
 
 /// Most samples between two looks at the clock.
 const ROUND: u64 = 8;
@@ -41,6 +41,13 @@ pub struct RenderArgs {
     /// After each pass, count values that are not finite, and say which pass was the first; slower; the reference has no passes
     #[arg(long)]
     check_values: bool,
+    /// Render frames A to B, B included, at --fps, each into a file of its own: OUT.exr becomes OUT_0000.exr and so on, and so does
+    /// the file of --stats
+    #[arg(long, value_name = "A..B", value_parser = parse_frames, requires = "fps", conflicts_with_all = ["at", "strategy_images"], help_heading = ANIMATION)]
+    frames: Option<(u32, u32)>,
+    /// Frames a second; frame N is at N / FPS seconds
+    #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "frames", help_heading = ANIMATION)]
+    fps: Option<f64>,
     /// Neither progress nor closing line; warnings and errors stay
     #[arg(short, long)]
     quiet: bool,
@@ -57,6 +64,7 @@ struct Stats<'a> {
     /// Samples in the picture: with a budget, as many as there was time for.
     samples: u64,
     seconds: Seconds,
+    /// With --frames, since the first one.
     passes: BTreeMap<&'static str, PassTime>,
     /// Bytes on the device beside the scene.
     bytes: u64,
@@ -71,6 +79,10 @@ struct Stats<'a> {
     /// Rays that the reference traced.
     rays: u64,
     plan: Option<serde_json::Value>,
+    /// Where the picture is one of several, its time in seconds.
+    frame: Option<Frame>,
+    /// What the file has: index, name, length.
+    animations: &'a [String],
     warnings: &'a [String],
     settings: &'a Settings,
 }
@@ -81,6 +93,14 @@ struct Seconds {
     /// Device, upload and pipelines; the hierarchy of the reference.
     setup: f64,
     render: f64,
+}
+
+/// A picture of several.
+#[derive(Clone, Copy, serde::Serialize)]
+struct Frame {
+    number: u32,
+    /// Since the beginning of the animation.
+    seconds: f64,
 }
 
 /// The most that a view wanted in an iteration.
@@ -94,19 +114,72 @@ struct Demand {
 
 /// Renders and writes what was asked for.
 pub fn run(args: &RenderArgs) -> Result<()> {
-    let exposure = check_outputs(args)?;
+    let method = args.view.settings.method;
+    let (exposure, frames) = (check_outputs(args)?, frames(args)?);
     let began = Instant::now();
-    let (scene, settings) = args.view.load()?;
-    let load = began.elapsed().as_secs_f64();
-    if let Some(folder) = &args.strategy_images {
-        check_strategy_images(folder, &settings)?;
+    if frames.is_empty() {
+        let View { scene, settings, animations } = args.view.load()?;
+        if let Some(folder) = &args.strategy_images {
+            check_strategy_images(folder, &settings)?;
+        }
+        let load = began.elapsed().as_secs_f64();
+        let began = Instant::now();
+        let gpu = open(method, args.check_values)?;
+        let (scene, settings, animations) = (&scene, &settings, &animations);
+        let job = Job { args, exposure, load, began, scene, settings, animations, frame: None, all: 1 };
+        return job.run(gpu.as_ref(), &mut None);
     }
-    let job = Job { args, exposure, load, scene: &scene, settings: &settings };
-    match settings.method {
-        Method::Raster | Method::Twin => job.raster(),
-        Method::RayQuery | Method::Path => job.paths(),
-        Method::Reference => job.reference(),
+    let (loaded, mut settings) = args.view.open()?;
+    let animations = view::animations(&loaded);
+    // What the first frame lacks is said before a device is opened; the setup of that frame is the device's, too.
+    let first = args.view.complete(args.view.at("--frames", &loaded, frames[0].seconds)?, &mut settings)?;
+    view::warn(&first);
+    let mut load = began.elapsed().as_secs_f64();
+    let mut began = Instant::now();
+    let gpu = open(method, args.check_values)?;
+    let (mut engine, mut scene, all) = (None, first, frames.len());
+    for (n, &frame) in frames.iter().enumerate() {
+        if n > 0 {
+            let posing = Instant::now();
+            scene = args.view.complete(args.view.at("--frames", &loaded, frame.seconds)?, &mut settings)?;
+            load = posing.elapsed().as_secs_f64();
+            began = Instant::now();
+        }
+        let (scene, settings, animations) = (&scene, &settings, &animations);
+        let job = Job { args, exposure, load, began, scene, settings, animations, frame: Some(frame), all };
+        job.run(gpu.as_ref(), &mut engine)?;
     }
+    Ok(())
+}
+
+/// The device of a method; the reference needs none.
+fn open(method: Method, check_values: bool) -> Result<Option<Gpu>> {
+    let gpu = (method != Method::Reference).then(|| super::open(method)).transpose()?;
+    if let Some(gpu) = &gpu {
+        gpu.non_finite.watch(gpu, check_values);
+    }
+    Ok(gpu)
+}
+
+/// The frames to render; none where a single picture is asked for.
+fn frames(args: &RenderArgs) -> Result<Vec<Frame>> {
+    let (Some((first, last)), Some(fps)) = (args.frames, args.fps) else { return Ok(Vec::new()) };
+    if !(1e-3..=1e4).contains(&fps) {
+        bail!("--fps {fps}: has to be 0.001 to 10000 frames a second");
+    }
+    Ok((first..=last).map(|number| Frame { number, seconds: f64::from(number) / fps }).collect())
+}
+
+fn parse_frames(text: &str) -> Result<(u32, u32), &'static str> {
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    let frames = first.parse().ok().zip(last.parse().ok()).filter(|(first, last)| first <= last && *last < 1_000_000);
+    frames.ok_or("frames are two numbers below a million, the later one second, such as 0..47")
+}
+
+/// What renders, kept from frame to frame.
+enum Engine<'gpu> {
+    Raster(Box<Renderer<'gpu>>),
+    Paths(Box<PathRenderer<'gpu>>),
 }
 
 /// Everything about the output that can be wrong before there is one; returns the factor of the exposure.
@@ -145,17 +218,37 @@ struct Job<'a> {
     args: &'a RenderArgs,
     exposure: f32,
     load: f64,
+    /// When its setup did.
+    began: Instant,
     scene: &'a Scene,
     settings: &'a Settings,
+    animations: &'a [String],
+    /// Which picture of `all` it is.
+    frame: Option<Frame>,
+    all: usize,
 }
 
 impl Job<'_> {
-    fn raster(&self) -> Result<()> {
-        let began = Instant::now();
-        let gpu = super::open(self.settings.method)?;
-        gpu.non_finite.watch(&gpu, self.args.check_values);
-        let mut renderer = Renderer::new(&gpu, self.scene, self.settings)?;
-        let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
+    /// Renders and writes; without a device, by the reference.
+    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, engine: &mut Option<Engine<'gpu>>) -> Result<()> {
+        let Some(gpu) = gpu else { return self.reference() };
+        match engine {
+            Some(Engine::Raster(renderer)) => renderer.pose(self.scene)?,
+            Some(Engine::Paths(renderer)) => renderer.pose(self.scene)?,
+            None if self.settings.method.shares_subpaths() => {
+                *engine = Some(Engine::Raster(Box::new(Renderer::new(gpu, self.scene, self.settings)?)));
+            }
+            None => *engine = Some(Engine::Paths(Box::new(PathRenderer::new(gpu, self.scene, self.settings)?))),
+        }
+        match engine {
+            Some(Engine::Raster(renderer)) => self.raster(gpu, renderer),
+            Some(Engine::Paths(renderer)) => self.paths(gpu, renderer),
+            None => Ok(()),
+        }
+    }
+
+    fn raster(&self, gpu: &Gpu, renderer: &mut Renderer) -> Result<()> {
+        let (film, stats) = self.progressive(gpu, renderer)?;
         let plan = renderer.plan();
         let wanted = renderer.stats().demands;
         let demands = wanted.iter().zip(plan.views()).enumerate();
@@ -174,18 +267,14 @@ impl Job<'_> {
         self.finish(&film, &stats)?;
         self.strategy_images(&mut |only| {
             let settings = Settings { only: Some(only), ..self.settings.clone() };
-            let mut renderer = Renderer::new(&gpu, self.scene, &settings)?;
+            let mut renderer = Renderer::new(gpu, self.scene, &settings)?;
             renderer.render(stats.samples, &mut |_| true)?;
             renderer.film()
         })
     }
 
-    fn paths(&self) -> Result<()> {
-        let began = Instant::now();
-        let gpu = super::open(self.settings.method)?;
-        gpu.non_finite.watch(&gpu, self.args.check_values);
-        let mut renderer = PathRenderer::new(&gpu, self.scene, self.settings)?;
-        let (film, stats) = self.progressive(&gpu, &mut renderer, began)?;
+    fn paths(&self, gpu: &Gpu, renderer: &mut PathRenderer) -> Result<()> {
+        let (film, stats) = self.progressive(gpu, renderer)?;
         let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
         self.finish(&film, &stats)?;
         self.strategy_images(&mut |only| {
@@ -210,14 +299,9 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Renders as many samples as asked for, or as the budget allows. `began`: when the setup did.
-    fn progressive(
-        &self,
-        gpu: &Gpu,
-        renderer: &mut dyn Progressive,
-        began: Instant,
-    ) -> Result<(Film, Stats<'_>), RenderError> {
-        let setup = began.elapsed().as_secs_f64();
+    /// Renders as many samples as asked for, or as the budget allows.
+    fn progressive(&self, gpu: &Gpu, renderer: &mut dyn Progressive) -> Result<(Film, Stats<'_>), RenderError> {
+        let setup = self.began.elapsed().as_secs_f64();
         let began = Instant::now();
         let bar = self.bar(self.settings.samples.into());
         match self.settings.budget {
@@ -257,9 +341,8 @@ impl Job<'_> {
     }
 
     fn reference(&self) -> Result<()> {
-        let began = Instant::now();
         let reference = Reference::new(self.scene);
-        let setup = began.elapsed().as_secs_f64();
+        let setup = self.began.elapsed().as_secs_f64();
 
         let began = Instant::now();
         let Settings { width, height, samples, seed, camera, .. } = *self.settings;
@@ -310,6 +393,8 @@ impl Job<'_> {
             demands: Vec::new(),
             rays: 0,
             plan: None,
+            frame: self.frame,
+            animations: self.animations,
             warnings: &self.scene.warnings,
             settings: self.settings,
         }
@@ -321,13 +406,16 @@ impl Job<'_> {
             return ProgressBar::hidden();
         }
         let (total, template) = match (self.settings.budget, self.settings.method) {
-            (Some(seconds), _) => ((seconds * 1000.0) as u64, "{bar:40} {msg}, {elapsed} of the budget"),
+            (Some(seconds), _) => ((seconds * 1000.0) as u64, "{prefix}{bar:40} {msg}, {elapsed} of the budget"),
             (None, Method::Raster | Method::Twin | Method::RayQuery | Method::Path) => {
-                (total, "{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
+                (total, "{prefix}{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
             }
-            (None, Method::Reference) => (total, "{bar:40} {percent} % of the pixels, {msg}, {eta} left"),
+            (None, Method::Reference) => (total, "{prefix}{bar:40} {percent} % of the pixels, {msg}, {eta} left"),
         };
         let bar = ProgressBar::new(total);
+        if let Some(frame) = self.frame {
+            bar.set_prefix(format!("frame {}, one of {} ", frame.number, self.all));
+        }
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar
     }
@@ -341,10 +429,11 @@ impl Job<'_> {
                 stats.non_finite
             );
         }
-        let path: &Path = &self.args.output;
-        film.save_exposed(path, self.exposure)?;
+        let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
+        let path = named(&self.args.output);
+        film.save_exposed(&path, self.exposure)?;
         if let Some(path) = &self.args.stats {
-            output::write(path, &(serde_json::to_string_pretty(stats)? + "\n"))?;
+            output::write(&named(path), &(serde_json::to_string_pretty(stats)? + "\n"))?;
         }
         if !self.args.quiet {
             let Seconds { load, setup, render } = stats.seconds;
@@ -360,6 +449,14 @@ impl Job<'_> {
         }
         Ok(())
     }
+}
+
+/// The file of a frame: `out.exr` becomes `out_0007.exr`.
+fn numbered(path: &Path, number: u32) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("_{number:04}."));
+    name.push(path.extension().unwrap_or_default());
+    path.with_file_name(name)
 }
 
 /// Views come around the light, around the VPLs, then the bundles.
@@ -425,6 +522,16 @@ mod tests {
         let used = Clock { began: Instant::now(), budget: Duration::ZERO };
         assert_eq!(used.next_round(0, 8), Some(1));
         assert_eq!(used.next_round(1, 8), None);
+    }
+
+    #[test]
+    fn frames_are_parsed_and_numbered() {
+        assert_eq!((parse_frames("0..47"), parse_frames("12")), (Ok((0, 47)), Ok((12, 12))));
+        for bad in ["", "..", "3..", "..3", "3..2", "-1..2", "0..1000000", "a..b", "0..=3", "1.5..2"] {
+            assert!(parse_frames(bad).is_err(), "{bad}");
+        }
+        assert_eq!(numbered(Path::new("a.b/c.d.exr"), 7), Path::new("a.b/c.d_0007.exr"));
+        assert_eq!(numbered(Path::new("c.png"), 123_456), Path::new("c_123456.png"));
     }
 
     #[test]

@@ -28,6 +28,13 @@ pub struct ViewArgs {
     /// Full angle of view along the image's shorter side [default: the camera's own]
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = CAMERA)]
     pub fov: Option<f32>,
+    /// Render the scene as an animation has it at this time; before its first and after its last key it stands still [default: the
+    /// scene as it rests]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = ANIMATION)]
+    pub at: Option<f64>,
+    /// An animation of the scene by its name or its index from 0, for --at and --frames [default: the first]
+    #[arg(long, value_name = "NAME-OR-INDEX", help_heading = ANIMATION)]
+    pub animation: Option<String>,
     /// An equirectangular image (.hdr, .exr) in place of the scene's environment, or sky:ELEVATION[,TURBIDITY]: a clear sky with
     /// the sun at that many degrees above the horizon of +Z, and turbidity 1 to 10 [default: 3], over a grey ground
     #[arg(long, value_name = "FILE", allow_hyphen_values = true, help_heading = ENVIRONMENT)]
@@ -41,31 +48,63 @@ pub struct ViewArgs {
 }
 
 const CAMERA: &str = "Camera";
+pub const ANIMATION: &str = "Animation";
 const ENVIRONMENT: &str = "Environment";
 
+/// What is rendered.
+pub struct View {
+    pub scene: Scene,
+    pub settings: Settings,
+    /// Index, name and length of each animation that the file has.
+    pub animations: Vec<String>,
+}
+
 impl ViewArgs {
-    /// Loads the scene, says its warnings, and completes the settings from it.
-    pub fn load(&self) -> Result<(Scene, Settings)> {
+    /// Loads the scene, poses and completes it, says its warnings, and completes the settings from it.
+    pub fn load(&self) -> Result<View> {
+        let (mut scene, mut settings) = self.open()?;
+        let animations = animations(&scene);
+        match (self.at, &self.animation) {
+            (Some(seconds), _) => scene = self.at("--at", &scene, seconds)?,
+            (None, Some(animation)) => bail!("--animation {animation}: at which time? Give --at SECONDS or --frames"),
+            (None, None) => {}
+        }
+        let scene = self.complete(scene, &mut settings)?;
+        warn(&scene);
+        Ok(View { scene, settings, animations })
+    }
+
+    /// Loads the scene as it rests, and checks the settings.
+    pub fn open(&self) -> Result<(Scene, Settings)> {
         let mut settings = self.settings.clone();
         if let Some(size) = self.size {
             (settings.width, settings.height) = size;
         }
         // Before a large scene is loaded for nothing.
         settings.check()?;
-        let mut scene = scene::load_under(&self.scene, &self.environment()?)?;
+        Ok((scene::load_under(&self.scene, &self.environment()?)?, settings))
+    }
+
+    /// The scene in the chosen animation at a time that `option` gave, in seconds.
+    pub fn at(&self, option: &str, scene: &Scene, seconds: f64) -> Result<Scene> {
+        if !(0.0..=1e6).contains(&seconds) {
+            bail!("{option}: {seconds} s has to be 0 to 1000000 s");
+        }
+        Ok(scene.at(self.pick_animation(option, scene)?, seconds as f32)?)
+    }
+
+    /// Leaves out what the method cannot follow, places the camera, and completes the settings from the scene.
+    pub fn complete(&self, mut scene: Scene, settings: &mut Settings) -> Result<Scene> {
         if settings.method.shares_subpaths() {
             scene = scene.without_glass();
         }
         settings.camera = self.pick_camera(&scene)?;
         self.place_camera(&mut scene, settings.camera)?;
-        for warning in &scene.warnings {
-            eprintln!("warning: {warning}");
-        }
         if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
             (settings.width, settings.height) = size;
         }
         settings.check()?;
-        Ok((scene, settings))
+        Ok(scene)
     }
 
     fn environment(&self) -> Result<EnvironmentChange> {
@@ -93,6 +132,16 @@ impl ViewArgs {
         bail!("--camera {wanted}: is not in the scene, which has {}", known.join(", "));
     }
 
+    fn pick_animation(&self, option: &str, scene: &Scene) -> Result<usize> {
+        let Some(rig) = &scene.rig else { bail!("{option}: {} has no animation", self.scene) };
+        let Some(wanted) = &self.animation else { return Ok(0) };
+        let named = rig.animations.iter().position(|a| a.name == *wanted);
+        let numbered = || wanted.parse().ok().filter(|&i: &usize| i < rig.animations.len());
+        named.or_else(numbered).ok_or_else(|| {
+            anyhow!("--animation {wanted}: is not in the scene, which has {}", animations(scene).join(", "))
+        })
+    }
+
     fn place_camera(&self, scene: &mut Scene, index: usize) -> Result<()> {
         let camera = &mut scene.cameras[index];
         if let (Some(eye), Some(target)) = (self.eye, self.target) {
@@ -113,6 +162,19 @@ impl ViewArgs {
             anyhow!("{option}: {cause}")
         })?;
         Ok(())
+    }
+}
+
+/// Index, name and length of each animation that a scene has.
+pub fn animations(scene: &Scene) -> Vec<String> {
+    let all = scene.rig.iter().flat_map(|rig| &rig.animations).enumerate();
+    all.map(|(i, a)| format!("{i} `{}` ({:.2} s)", a.name, a.seconds())).collect()
+}
+
+/// Says what a scene lacks or is not rendered as it should be.
+pub fn warn(scene: &Scene) {
+    for warning in &scene.warnings {
+        eprintln!("warning: {warning}");
     }
 }
 

@@ -53,6 +53,7 @@ modules!(
     "visibility/twin",
     "accumulate",
     "connect",
+    "deform",
     "depth_maps",
     "draws",
     "extend",

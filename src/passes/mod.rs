@@ -3,6 +3,7 @@
 
 pub mod accumulate;
 pub mod connect;
+pub mod deform;
 pub mod depth_maps;
 pub mod extend;
 pub mod eye_paths;

@@ -32,12 +32,34 @@ pub struct Geometry {
     pub bounds: [Vec3; 2],
 }
 
+/// Where a vertex comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Origin {
+    /// Index into the scene's instances.
+    pub instance: u32,
+    /// Index into the vertices of the instance's mesh.
+    pub vertex: u32,
+    /// Corners in that mesh, counter-clockwise seen from the front, of the triangle whose normal is the vertex's where it has none.
+    pub corners: Option<[u32; 3]>,
+}
+
 impl Geometry {
     /// Flattens a scene. Triangles without area are left out: they can neither be hit nor seen.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
+        Self::flatten(scene, None)
+    }
+
+    /// The same, with the origin of each vertex.
+    #[must_use]
+    pub fn with_origins(scene: &Scene) -> (Self, Vec<Origin>) {
+        let mut origins = Vec::new();
+        (Self::flatten(scene, Some(&mut origins)), origins)
+    }
+
+    fn flatten(scene: &Scene, mut origins: Option<&mut Vec<Origin>>) -> Self {
         let mut out = Self::default();
-        for instance in &scene.instances {
+        for (i, instance) in (0..).zip(&scene.instances) {
             let mesh = &scene.meshes[instance.mesh];
             let linear = instance.world_from_local.matrix3;
             // Normals go with the cofactor matrix, which also stands up to a singular transform.
@@ -64,6 +86,10 @@ impl Geometry {
             };
             if smooth {
                 out.vertices.extend((0..mesh.positions.len()).map(vertex));
+                if let Some(origins) = &mut origins {
+                    let all = 0..mesh.positions.len() as u32;
+                    origins.extend(all.map(|vertex| Origin { instance: i, vertex, corners: None }));
+                }
             }
             for &[a, b, c] in &mesh.triangles {
                 let corners = if mirrored { [a, c, b] } else { [a, b, c] };
@@ -71,6 +97,15 @@ impl Geometry {
                 let flat = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
                 if flat == Vec3::ZERO {
                     continue;
+                }
+                if let Some(origins) = &mut origins {
+                    if smooth {
+                        for c in corners {
+                            origins[(base + c) as usize].corners.get_or_insert(corners);
+                        }
+                    } else {
+                        origins.extend(corners.map(|vertex| Origin { instance: i, vertex, corners: Some(corners) }));
+                    }
                 }
                 let indices = if smooth {
                     for i in corners {

@@ -1,6 +1,7 @@
 //! Loading by name: picks the loader, checks what it made, and adds what no picture can do without.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
@@ -58,6 +59,9 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
             let name = &scene.meshes[i].name;
             scene.warn(format!("mesh `{name}`: {repaired} normals, tangents, texture coordinates or colours are not finite: they are replaced"));
         }
+    }
+    if let Some(rig) = scene.rig.as_mut().filter(|rig| !rig.shapes.is_empty()) {
+        Arc::make_mut(rig).shapes.iter_mut().for_each(|shape| _ = repair(&mut shape.base));
     }
     let bounds = check_instances(scene).map_err(|(i, cause)| LoadError::at(path, format!("instance {i}"), cause))?;
     for (i, texture) in scene.textures.iter().enumerate() {
@@ -214,7 +218,7 @@ fn flat_emitters(scene: &Scene) -> usize {
 }
 
 /// World-space bounds; on failure the instance at fault and the cause.
-fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String)> {
+pub(super) fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String)> {
     let mut bounds: Option<[Vec3; 2]> = None;
     let mut triangles = 0_usize;
     for (i, instance) in scene.instances.iter().enumerate() {

@@ -4,6 +4,9 @@
 //! radiometry. Loaders build it ([`load()`]), [`geometry::Geometry`] flattens it into world-space triangles, and both the GPU
 //! upload and the CPU reference read that one flattening. Nothing here knows of a GPU or of an estimator.
 
+use std::sync::Arc;
+
+pub mod animation;
 pub mod builtin;
 pub mod camera;
 pub mod emitter;
@@ -24,6 +27,7 @@ pub mod stats;
 pub mod tangents;
 pub mod texture;
 
+pub use animation::{Pose, Rig};
 pub use camera::{Camera, FovAxis, Lens, Projection};
 pub use emitter::Emitter;
 pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
@@ -63,6 +67,10 @@ pub struct Scene {
     pub environment: Option<Environment>,
     /// At least one after loading; the first is the default.
     pub cameras: Vec<Camera>,
+    /// What moves, where the file animates anything; the scene is in its rest pose.
+    pub rig: Option<Arc<Rig>>,
+    /// How the meshes came to be what they are, in a scene that was posed.
+    pub pose: Option<Pose>,
     /// One sentence per unsupported or repaired thing: what it is and what was done instead.
     pub warnings: Vec<String>,
 }

@@ -10,18 +10,17 @@ use super::Mesh;
 /// Gives a mesh the tangents of one set of texture coordinates, seen through a texture transform.
 ///
 /// A mesh without normals gets flat ones. Vertices are split where neighbouring triangles need different tangents.
-/// The bitangent, cross(normal, tangent) times w, points up the image. Does nothing for a mesh without these coordinates.
-pub fn generate(mesh: &mut Mesh, uv_set: usize, transform: Affine2) {
+/// The bitangent, cross(normal, tangent) times w, points up the image. Does nothing for a mesh without these coordinates; otherwise
+/// says which vertex each vertex was.
+pub fn generate(mesh: &mut Mesh, uv_set: usize, transform: Affine2) -> Option<Vec<u32>> {
     if mesh.uvs[uv_set].is_empty() || mesh.triangles.is_empty() || !mesh.positions.iter().all(|p| p.is_finite()) {
-        return;
+        return None;
     }
-    if mesh.normals.is_empty() {
-        flatten(mesh);
-    }
+    let corners = mesh.normals.is_empty().then(|| flatten(mesh));
     let mut faces = Faces { mesh, uv_set, transform, tangents: vec![Vec4::ZERO; mesh.triangles.len() * 3] };
     // The error type has no values: generating tangents cannot fail.
     let Ok(()) = generate_tangents(&mut faces) else {
-        return;
+        return corners;
     };
     let tangents = faces.tangents;
 
@@ -39,15 +38,20 @@ pub fn generate(mesh: &mut Mesh, uv_set: usize, transform: Affine2) {
     }
     select(mesh, &vertices);
     mesh.tangents = out;
+    Some(match corners {
+        Some(corners) => vertices.iter().map(|&v| corners[v as usize]).collect(),
+        None => vertices,
+    })
 }
 
-/// Gives every triangle its own corners and its geometric normal.
-fn flatten(mesh: &mut Mesh) {
+/// Gives every triangle its own corners and its geometric normal; says which vertex each corner was.
+fn flatten(mesh: &mut Mesh) -> Vec<u32> {
     let corners: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
     select(mesh, &corners);
     mesh.triangles = (0..corners.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let flat = |p: &[Vec3]| [(p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero(); 3];
     mesh.normals = mesh.positions.chunks_exact(3).flat_map(flat).collect();
+    corners
 }
 
 /// Makes vertex i what vertex `vertices[i]` was; triangles stay as they are.

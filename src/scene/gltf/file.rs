@@ -11,6 +11,7 @@ use ::gltf::json::{self, Index, root::Get};
 use base64::Engine as _;
 use serde::Deserialize;
 
+use super::animation::Parsed;
 use super::lights::Profiles;
 use crate::scene::LoadError;
 
@@ -24,6 +25,8 @@ pub(super) struct File {
     pub normal_transforms: HashMap<usize, TextureTransform>,
     /// Light profiles, which these leave out too.
     pub profiles: Profiles,
+    /// Animations, of which the parser knows only those of nodes.
+    pub animations: Parsed,
     /// The binary chunk of a GLB.
     chunk: Option<Vec<u8>>,
     /// One for each buffer; none where the file gives no data for it.
@@ -50,13 +53,14 @@ impl File {
         let root = parse(text).map_err(invalid)?;
         let normal_transforms = parse_normal_transforms(text).map_err(invalid)?;
         let profiles = Profiles::parse(text).map_err(invalid)?;
+        let animations = serde_json::from_slice(text).map_err(invalid)?;
         let version = root.asset.version.as_str();
         if version.split('.').next() != Some("2") {
             let cause = format!("glTF version {version:?} is not supported: convert the file to glTF 2.0");
             return Err(LoadError::at(path, "asset.version", cause));
         }
         let chunk = chunk.map(<[u8]>::to_vec);
-        Ok(Self { path: path.to_owned(), root, normal_transforms, profiles, chunk, buffers: Vec::new() })
+        Ok(Self { path: path.to_owned(), root, normal_transforms, profiles, animations, chunk, buffers: Vec::new() })
     }
 
     /// Checks that every index in the file refers to something, also those that no shown node leads to.
@@ -172,7 +176,7 @@ fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
     fs::read(path).map_err(failed)
 }
 
-/// Parses the JSON; a scene may leave out its list of nodes, on which the parser insists.
+/// Parses the JSON; a scene may leave out its list of nodes and an animation's channel its node, on which the parser insists.
 fn parse(text: &[u8]) -> Result<json::Root, serde_json::Error> {
     json::Root::from_slice(text).or_else(|error| {
         let mut value: serde_json::Value = serde_json::from_slice(text)?;
@@ -183,6 +187,13 @@ fn parse(text: &[u8]) -> Result<json::Root, serde_json::Error> {
             {
                 scene.insert("nodes".to_owned(), serde_json::Value::Array(Vec::new()));
                 patched = true;
+            }
+        }
+        for animation in value.get_mut("animations").and_then(|a| a.as_array_mut()).into_iter().flatten() {
+            if let Some(channels) = animation.get_mut("channels").and_then(|c| c.as_array_mut()) {
+                let count = channels.len();
+                channels.retain(|channel| channel["target"].get("node").is_some());
+                patched |= channels.len() < count;
             }
         }
         if patched { serde_json::from_value(value).map_err(|_| error) } else { Err(error) }

@@ -8,7 +8,8 @@ use ::gltf::json::{self, Index};
 use glam::{Affine3A, Vec3};
 use serde::Deserialize;
 
-use super::{Loader, rigid};
+use super::Loader;
+use crate::scene::animation::rigid;
 use crate::scene::{Cone, Lamp, Light, LoadError, SpotFalloff, ies};
 
 impl Loader<'_> {

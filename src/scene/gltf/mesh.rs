@@ -5,51 +5,44 @@ use std::collections::HashMap;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{self, Index};
-use glam::{Affine3A, Mat3A, Mat4, Vec2, Vec3, Vec3A, Vec4};
+use glam::{Mat4, Vec2, Vec3, Vec4};
 
 use super::accessor::Accessor;
 use super::file::File;
+use crate::scene::animation::{Deformation, MorphTarget, Skin};
 use crate::scene::{LoadError, Mesh};
 
 /// Most triangle corners of one file; beyond it the file is refused rather than expanded.
 const MAX_CORNERS: usize = 1 << 27;
 
-/// The joints of a skin in the pose that the nodes have.
-pub(super) struct Skin {
-    /// World from bind pose, one for each joint.
-    matrices: Vec<Mat4>,
-}
-
-impl Skin {
-    /// Joint matrices: placement of the joint's node times its inverse bind matrix.
-    pub fn new(file: &File, skin: &json::Skin, place: &str, world: &[Affine3A]) -> Result<Self, LoadError> {
-        let inverse = match skin.inverse_bind_matrices {
-            Some(index) => Some(Accessor::open(file, index, place, &[16])?),
-            None => None,
-        };
-        if let Some(inverse) = &inverse
-            && inverse.count < skin.joints.len()
-        {
-            let cause = format!("{} inverse bind matrices for {} joints", inverse.count, skin.joints.len());
-            return Err(file.error(place, cause));
-        }
-        let mut matrices = Vec::with_capacity(skin.joints.len());
-        for (i, &joint) in skin.joints.iter().enumerate() {
-            file.get(joint, place, "nodes")?;
-            let bind = inverse.as_ref().map_or(Mat4::IDENTITY, |a| Mat4::from_cols_array(&a.floats(i, 0.0)));
-            matrices.push(Mat4::from(world[joint.value()]) * bind);
-        }
-        Ok(Self { matrices })
+/// Reads a skin: its joints' nodes and inverse bind matrices.
+pub(super) fn skin(file: &File, skin: &json::Skin, place: &str) -> Result<Skin, LoadError> {
+    let inverse = match skin.inverse_bind_matrices {
+        Some(index) => Some(Accessor::open(file, index, place, &[16])?),
+        None => None,
+    };
+    if let Some(inverse) = &inverse
+        && inverse.count < skin.joints.len()
+    {
+        let cause = format!("{} inverse bind matrices for {} joints", inverse.count, skin.joints.len());
+        return Err(file.error(place, cause));
     }
+    let mut joints = Vec::with_capacity(skin.joints.len());
+    for (i, &joint) in skin.joints.iter().enumerate() {
+        file.get(joint, place, "nodes")?;
+        let bind = inverse.as_ref().map_or(Mat4::IDENTITY, |a| Mat4::from_cols_array(&a.floats(i, 0.0)));
+        joints.push((joint.value(), bind));
+    }
+    Ok(Skin { joints })
 }
 
-/// What turns a primitive's vertices into the ones that are shown.
+/// What of a primitive's deformation is read.
 #[derive(Clone, Copy)]
-pub(super) struct Pose<'a> {
-    /// Weights of the morph targets; missing ones are zero.
-    pub weights: &'a [f32],
-    /// The skin, which takes vertices to the world.
-    pub skin: Option<&'a Skin>,
+pub(super) struct Wanted<'a> {
+    /// Morph targets whose weight is not zero; without weights, all.
+    pub weights: Option<&'a [f32]>,
+    /// The number of joints that vertices may follow, if they follow any.
+    pub joints: Option<usize>,
 }
 
 /// Counts what a file expands to, over all of its meshes.
@@ -63,15 +56,15 @@ pub(super) fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<Ind
     primitive.attributes.get(&Checked::Valid(semantic)).copied()
 }
 
-/// Loads a primitive in a pose; none where it has no triangles, with the reason among the warnings.
+/// Loads a primitive, and how its vertices move; none where it has no triangles, with the reason among the warnings.
 pub(super) fn load(
     file: &File,
     primitive: &Primitive,
     place: &str,
-    pose: Pose<'_>,
+    wanted: Wanted<'_>,
     budget: &mut Budget,
     warnings: &mut Vec<String>,
-) -> Result<Option<Mesh>, LoadError> {
+) -> Result<Option<(Mesh, Deformation)>, LoadError> {
     let open = |semantic: Semantic, lanes: &[usize]| {
         let name = semantic.to_string();
         attribute(primitive, semantic)
@@ -147,29 +140,33 @@ pub(super) fn load(
         mesh.colors = vertices.iter().map(|&v| Vec4::from(colors.floats::<4>(v as usize, 1.0))).collect();
     }
 
-    // Pose.
-    for (t, (target, &weight)) in primitive.targets.iter().flatten().zip(pose.weights).enumerate() {
-        if weight == 0.0 {
-            continue;
-        }
+    // Deformation.
+    let mut deformation = Deformation::default();
+    for (t, target) in primitive.targets.iter().flatten().enumerate() {
         let place = format!("{place}.targets[{t}]");
-        let delta = |index: Option<Index<json::Accessor>>| -> Result<Option<Accessor<'_>>, LoadError> {
-            let accessor = index.map(|index| Accessor::open(file, index, &place, &[3])).transpose()?;
-            accessor.as_ref().map(&same_count).transpose()?;
-            Ok(accessor)
+        let mut delta = |index: Option<Index<json::Accessor>>| -> Result<Vec<Vec3>, LoadError> {
+            let Some(index) = index else { return Ok(Vec::new()) };
+            let accessor = Accessor::open(file, index, &place, &[3])?;
+            same_count(&accessor)?;
+            budget.corners += vertices.len();
+            if budget.corners > MAX_CORNERS {
+                return Err(
+                    file.error(&place, format!("the file's morph targets have more than {MAX_CORNERS} offsets"))
+                );
+            }
+            Ok(vertices.iter().map(|&v| Vec3::from(accessor.floats::<3>(v as usize, 0.0))).collect())
         };
-        let at = |a: &Accessor, v: u32| weight * Vec3::from(a.floats::<3>(v as usize, 0.0));
-        if let Some(a) = delta(target.positions)? {
-            mesh.positions.iter_mut().zip(&vertices).for_each(|(p, &v)| *p += at(&a, v));
-        }
-        if let Some(a) = delta(target.normals)? {
-            mesh.normals.iter_mut().zip(&vertices).for_each(|(n, &v)| *n += at(&a, v));
-        }
-        if let Some(a) = delta(target.tangents)? {
-            mesh.tangents.iter_mut().zip(&vertices).for_each(|(t, &v)| *t += at(&a, v).extend(0.0));
-        }
+        let counts = wanted.weights.is_none_or(|weights| weights.get(t).is_some_and(|&w| w != 0.0));
+        deformation.targets.push(match target {
+            target if counts => MorphTarget {
+                positions: delta(target.positions)?,
+                normals: delta(target.normals)?,
+                tangents: delta(target.tangents)?,
+            },
+            _ => MorphTarget::default(),
+        });
     }
-    if let Some(skin) = pose.skin {
+    if let Some(joint_count) = wanted.joints {
         let mut sets = Vec::new();
         while let Some(joints) = open(Semantic::Joints(sets.len() as u32), &[4])? {
             let Some(weights) = open(Semantic::Weights(sets.len() as u32), &[4])? else {
@@ -182,15 +179,9 @@ pub(super) fn load(
             }
             sets.push((joints, weights));
         }
-        skin_mesh(file, &mut mesh, &vertices, &sets, skin)?;
+        read_joints(file, &mut deformation, &vertices, &sets, joint_count)?;
     }
-    for normal in &mut mesh.normals {
-        *normal = normal.normalize_or_zero();
-    }
-    for tangent in &mut mesh.tangents {
-        *tangent = tangent.truncate().normalize_or_zero().extend(if tangent.w < 0.0 { -1.0 } else { 1.0 });
-    }
-    Ok(Some(mesh))
+    Ok(Some((mesh, deformation)))
 }
 
 fn read_indices(
@@ -234,51 +225,27 @@ fn used_vertices(triangles: &mut [[u32; 3]], count: usize) -> Vec<u32> {
     vertices
 }
 
-/// Blends each vertex by its joints' matrices, which takes it to the world.
-fn skin_mesh(
+/// Reads the joints that each vertex follows, with their weights.
+fn read_joints(
     file: &File,
-    mesh: &mut Mesh,
+    deformation: &mut Deformation,
     vertices: &[u32],
     sets: &[(Accessor<'_>, Accessor<'_>)],
-    skin: &Skin,
+    joint_count: usize,
 ) -> Result<(), LoadError> {
-    let mut mirrored = vec![false; mesh.positions.len()];
-    for (i, &vertex) in vertices.iter().enumerate() {
-        let (mut blend, mut total) = (Mat4::ZERO, 0.0);
+    for &vertex in vertices {
         for (joints, weights) in sets {
             let weights: [f32; 4] = weights.floats(vertex as usize, 0.0);
             for (lane, weight) in weights.into_iter().enumerate().filter(|&(_, w)| w != 0.0) {
-                let joint = joints.integer(vertex as usize, lane) as usize;
-                let matrix = skin.matrices.get(joint).ok_or_else(|| {
-                    let cause = format!("vertex {vertex} follows joint {joint} of {}", skin.matrices.len());
-                    file.error(&joints.place, cause)
-                })?;
-                blend += *matrix * weight;
-                total += weight;
+                let joint = joints.integer(vertex as usize, lane);
+                if joint as usize >= joint_count {
+                    let cause = format!("vertex {vertex} follows joint {joint} of {joint_count}");
+                    return Err(file.error(&joints.place, cause));
+                }
+                deformation.joints.push((joint, weight));
             }
         }
-        // A vertex that follows no joint stays in its bind pose.
-        let blend = if total == 0.0 { Mat4::IDENTITY } else { blend * (1.0 / total) };
-        mesh.positions[i] = blend.transform_point3(mesh.positions[i]);
-        let linear = Mat3A::from_mat4(blend);
-        mirrored[i] = linear.determinant() < 0.0;
-        if let Some(normal) = mesh.normals.get_mut(i) {
-            let cofactor = Mat3A::from_cols(
-                linear.y_axis.cross(linear.z_axis),
-                linear.z_axis.cross(linear.x_axis),
-                linear.x_axis.cross(linear.y_axis),
-            );
-            *normal = Vec3::from(cofactor * Vec3A::from(*normal)) * if mirrored[i] { -1.0 } else { 1.0 };
-        }
-        if let Some(tangent) = mesh.tangents.get_mut(i) {
-            let w = if mirrored[i] { -tangent.w } else { tangent.w };
-            *tangent = Vec3::from(linear * Vec3A::from(tangent.truncate())).extend(w);
-        }
-    }
-    for triangle in &mut mesh.triangles {
-        if mirrored[triangle[0] as usize] {
-            triangle.swap(1, 2);
-        }
+        deformation.joint_ends.push(deformation.joints.len() as u32);
     }
     Ok(())
 }

@@ -1,35 +1,39 @@
 //! glTF 2.0 and GLB (Khronos specification 2.0.1) with the extensions in [`SUPPORTED`].
 //!
 //! Files load as authored: nodes stand where the file puts them, meshes have their default morph weights, and skins are
-//! applied in the pose of the joints' nodes. Animations are not sampled; their first keyframe is, in files that animate
-//! one, nearly always that pose. Morphing and skinning happen once, here.
+//! applied in the pose of the joints' nodes. A file without animations is posed once, here; one that has any keeps what moves
+//! in the scene's rig.
 //!
 //! Every index, count and offset is checked where it is used, so a bad file is a [`LoadError`] that names the place. What
 //! the file only uses and we do not read is one warning each.
 
 mod accessor;
+mod animation;
 mod file;
 mod lights;
 mod material;
 mod mesh;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use ::gltf::json::camera::Type as CameraType;
 use ::gltf::json::mesh::Semantic;
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{self, Index};
-use glam::{Affine3A, Mat3A, Mat4, Quat, Vec2, Vec3, Vec3A};
+use glam::{Affine3A, Mat4, Quat, Vec2, Vec3};
 
 use self::file::File;
 use self::material::Materials;
-use self::mesh::{Budget, Pose, Skin};
-use super::{Camera, FovAxis, Instance, LoadError, Projection, Scene, tangents};
+use self::mesh::{Budget, Wanted};
+use super::animation::{Deformation, HungLight, Local, Rig, Shape, Tree, rigid};
+use super::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene, tangents};
 
 /// Extensions that are read.
-pub const SUPPORTED: [&str; 10] = [
+pub const SUPPORTED: [&str; 11] = [
     "EXT_lights_ies",
+    "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -73,9 +77,23 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
     check_extensions(&file, &mut scene)?;
     file.check_references()?;
     file.load_buffers()?;
-    let world = place_nodes(&file)?;
-    let (budget, meshes, profiles) = (Budget::default(), HashMap::new(), HashMap::new());
-    Loader { world, file: &file, scene, budget, meshes, profiles }.run()
+    let tree = node_tree(&file)?;
+    let world = tree.rest();
+    if let Some(i) = world.iter().position(|w| !w.is_finite()) {
+        return Err(file.error(format!("nodes[{i}]"), "the transform is not finite"));
+    }
+    Loader {
+        world,
+        file: &file,
+        scene,
+        budget: Budget::default(),
+        rig: (!file.animations.is_empty()).then(|| Rig { tree, ..Rig::default() }),
+        weighted: file.animations.weighted_nodes().collect(),
+        skins: HashMap::new(),
+        meshes: HashMap::new(),
+        profiles: HashMap::new(),
+    }
+    .run()
 }
 
 fn check_extensions(file: &File, scene: &mut Scene) -> Result<(), LoadError> {
@@ -91,55 +109,60 @@ fn check_extensions(file: &File, scene: &mut Scene) -> Result<(), LoadError> {
 }
 
 /// A node's own transform.
-fn local(node: &json::Node) -> Affine3A {
+fn local(node: &json::Node) -> Local {
     if let Some(matrix) = &node.matrix {
-        return Affine3A::from_mat4(Mat4::from_cols_array(matrix));
+        return Local::Matrix(Affine3A::from_mat4(Mat4::from_cols_array(matrix)));
     }
     let rotation = node.rotation.map_or(Quat::IDENTITY, |r| Quat::from_array(r.0));
-    let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { Quat::IDENTITY };
-    Affine3A::from_scale_rotation_translation(
-        node.scale.map_or(Vec3::ONE, Vec3::from),
-        rotation,
-        node.translation.map_or(Vec3::ZERO, Vec3::from),
-    )
+    Local::Parts {
+        translation: node.translation.map_or(Vec3::ZERO, Vec3::from),
+        rotation: if rotation.length_squared() > 0.0 { rotation.normalize() } else { Quat::IDENTITY },
+        scale: node.scale.map_or(Vec3::ONE, Vec3::from),
+    }
 }
 
-/// World placement of every node, after checking that nodes form trees.
-fn place_nodes(file: &File) -> Result<Vec<Affine3A>, LoadError> {
-    let nodes = &file.root.nodes;
-    let mut has_parent = vec![false; nodes.len()];
-    for (i, node) in nodes.iter().enumerate() {
+/// All nodes, after checking that they form trees.
+fn node_tree(file: &File) -> Result<Tree, LoadError> {
+    let mut nodes: Vec<_> = file.root.nodes.iter().map(|node| (local(node), None)).collect();
+    for (i, node) in file.root.nodes.iter().enumerate() {
         for &child in node.children.iter().flatten() {
             let place = format!("nodes[{i}]");
             file.get(child, &place, "nodes")?;
-            if std::mem::replace(&mut has_parent[child.value()], true) {
+            if nodes[child.value()].1.replace(i).is_some() {
                 return Err(file.error(place, format!("nodes[{}] already has a parent", child.value())));
             }
         }
     }
-    let mut world: Vec<Option<Affine3A>> = vec![None; nodes.len()];
-    let mut stack: Vec<(usize, Affine3A)> =
-        (0..nodes.len()).filter(|&i| !has_parent[i]).map(|i| (i, Affine3A::IDENTITY)).collect();
-    while let Some((i, parent)) = stack.pop() {
-        let placement = parent * local(&nodes[i]);
-        if !placement.is_finite() {
-            return Err(file.error(format!("nodes[{i}]"), "the transform is not finite"));
-        }
-        world[i] = Some(placement);
-        stack.extend(nodes[i].children.iter().flatten().map(|child| (child.value(), placement)));
-    }
-    let placed = world.into_iter().enumerate();
-    placed.map(|(i, w)| w.ok_or_else(|| file.error(format!("nodes[{i}]"), "the node is its own ancestor"))).collect()
+    Tree::new(nodes).map_err(|i| file.error(format!("nodes[{i}]"), "the node is its own ancestor"))
 }
 
-/// A mesh as a node shows it: its index, skin, and morph weights as bits.
-type MeshKey = (usize, Option<usize>, Vec<u32>);
+/// A mesh as a node shows it: its index, skin, morph weights as bits, and the node itself where these are animated.
+type MeshKey = (usize, Option<usize>, Vec<u32>, Option<usize>);
+
+/// How a node shows a mesh.
+#[derive(Clone, Copy)]
+struct Shown<'a> {
+    /// The mesh's index.
+    mesh: usize,
+    /// Index into the rig's skins where there is a rig, and joint matrices at rest.
+    skin: Option<(usize, &'a [Mat4])>,
+    /// Of morph targets, at rest; missing ones are zero.
+    weights: &'a [f32],
+    /// The node whose weights are animated.
+    weighted: Option<usize>,
+}
 
 struct Loader<'a> {
     file: &'a File,
     scene: Scene,
     world: Vec<Affine3A>,
     budget: Budget,
+    /// What moves, in a file that animates anything.
+    rig: Option<Rig>,
+    /// Nodes whose morph weights are animated.
+    weighted: HashSet<usize>,
+    /// Of skins that nodes show: the index in the rig, and joint matrices at rest.
+    skins: HashMap<usize, (usize, Vec<Mat4>)>,
     /// The scene's meshes for what nodes show, one for each primitive with triangles.
     meshes: HashMap<MeshKey, Vec<usize>>,
     /// Patterns of the light profiles that nodes show, and what their 1 stands for.
@@ -157,10 +180,14 @@ impl Loader<'_> {
         if self.file.root.nodes.is_empty() && !self.file.root.meshes.is_empty() {
             self.scene.warn("the file has meshes and no node that shows them: all are placed at the origin");
             for mesh in 0..self.file.root.meshes.len() {
-                self.place_mesh(Index::new(mesh as u32), None, &[], Affine3A::IDENTITY, "meshes")?;
+                self.place_mesh(Index::new(mesh as u32), None, &[], None, "meshes")?;
             }
         }
         self.scene.images = materials.load_images(self.file)?;
+        let animations = self.animations()?;
+        if let Some(rig) = self.rig.take() {
+            self.scene.rig = Some(Arc::new(Rig { animations, ..rig }));
+        }
         Ok(self.scene)
     }
 
@@ -209,53 +236,83 @@ impl Loader<'_> {
         let place = format!("nodes[{index}]");
         let world = self.world[index];
         if let Some(mesh) = node.mesh {
-            self.place_mesh(mesh, node.skin, node.weights.as_deref().unwrap_or_default(), world, &place)?;
+            self.place_mesh(mesh, node.skin, node.weights.as_deref().unwrap_or_default(), Some(index), &place)?;
         }
         if let Some(camera) = node.camera {
+            let source = camera.value();
             let camera = self.camera(camera, node, world, &place)?;
             self.scene.cameras.push(camera);
+            self.rig.iter_mut().for_each(|rig| rig.cameras.push((index, source)));
         }
         if let Some(light) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) {
-            let light = self.light(light.light, world, &place)?;
+            let source = light.light;
+            let light = self.light(source, world, &place)?;
             self.scene.lights.push(light);
+            let json = self.file.get(source, &place, "KHR_lights_punctual.lights")?;
+            let (color, intensity) = (Vec3::from(json.color), json.intensity);
+            let hung = HungLight { node: index, source: Some(source.value()), color, intensity };
+            self.rig.iter_mut().for_each(|rig| rig.lights.push(hung));
         }
         if let Some(profile) = self.file.profiles.nodes.get(&index) {
             let light = self.profile_light(profile, world, &place)?;
             self.scene.lights.push(light);
+            let hung = HungLight { node: index, source: None, color: Vec3::ONE, intensity: 1.0 };
+            self.rig.iter_mut().for_each(|rig| rig.lights.push(hung));
         }
         Ok(())
     }
 
+    /// Shows a mesh at a node, or at the origin.
     fn place_mesh(
         &mut self,
         index: Index<json::Mesh>,
         skin: Option<Index<json::Skin>>,
         weights: &[f32],
-        world: Affine3A,
+        node: Option<usize>,
         place: &str,
     ) -> Result<(), LoadError> {
         let mesh = self.file.get(index, place, "meshes")?;
         let weights = if weights.is_empty() { mesh.weights.as_deref().unwrap_or_default() } else { weights };
         let bits = weights.iter().map(|w| w.to_bits()).collect();
-        let key = (index.value(), skin.map(|s| s.value()), bits);
+        let weighted = node.filter(|node| self.weighted.contains(node));
+        let key = (index.value(), skin.map(|s| s.value()), bits, weighted);
         if !self.meshes.contains_key(&key) {
-            let skin = match skin {
-                Some(skin) => {
-                    let place = format!("skins[{}]", skin.value());
-                    Some(Skin::new(self.file, self.file.get(skin, &place, "skins")?, &place, &self.world)?)
-                }
-                None => None,
-            };
-            let loaded = self.load_mesh(index.value(), mesh, Pose { weights, skin: skin.as_ref() })?;
+            let skin = skin.map(|skin| self.skin(skin)).transpose()?;
+            let skin = skin.as_ref().map(|(index, matrices)| (*index, matrices.as_slice()));
+            let loaded = self.load_mesh(mesh, Shown { mesh: index.value(), skin, weights, weighted })?;
             self.meshes.insert(key.clone(), loaded);
         }
         // glTF 2.0, 3.7.3.3: the transform of a skinned mesh's own node is ignored.
-        let world_from_local = if skin.is_some() { Affine3A::IDENTITY } else { world };
-        self.scene.instances.extend(self.meshes[&key].iter().map(|&mesh| Instance { mesh, world_from_local }));
+        let node = node.filter(|_| skin.is_none());
+        let world_from_local = node.map_or(Affine3A::IDENTITY, |node| self.world[node]);
+        for &mesh in &self.meshes[&key] {
+            self.scene.instances.push(Instance { mesh, world_from_local });
+            self.rig.iter_mut().for_each(|rig| rig.instances.push(node));
+        }
         Ok(())
     }
 
-    fn load_mesh(&mut self, index: usize, mesh: &json::Mesh, pose: Pose<'_>) -> Result<Vec<usize>, LoadError> {
+    /// A skin's index in the rig and its joint matrices at rest.
+    fn skin(&mut self, index: Index<json::Skin>) -> Result<(usize, Vec<Mat4>), LoadError> {
+        if let Some(known) = self.skins.get(&index.value()) {
+            return Ok(known.clone());
+        }
+        let place = format!("skins[{}]", index.value());
+        let skin = mesh::skin(self.file, self.file.get(index, &place, "skins")?, &place)?;
+        let matrices = skin.matrices(&self.world);
+        let mut in_rig = 0;
+        if let Some(rig) = &mut self.rig {
+            in_rig = rig.skins.len();
+            rig.skins.push(skin);
+        }
+        self.skins.insert(index.value(), (in_rig, matrices.clone()));
+        Ok((in_rig, matrices))
+    }
+
+    fn load_mesh(&mut self, mesh: &json::Mesh, shown: Shown<'_>) -> Result<Vec<usize>, LoadError> {
+        let Shown { mesh: index, skin, weights, weighted } = shown;
+        let matrices = skin.map(|(_, matrices)| matrices);
+        let wanted = Wanted { weights: weighted.is_none().then_some(weights), joints: matrices.map(<[Mat4]>::len) };
         let mut loaded = Vec::new();
         let mut warnings = Vec::new();
         for (p, primitive) in mesh.primitives.iter().enumerate() {
@@ -272,21 +329,29 @@ impl Loader<'_> {
                     default
                 }
             };
-            let Some(mut out) = mesh::load(self.file, primitive, &place, pose, &mut self.budget, &mut warnings)? else {
-                continue;
-            };
+            let loaded_primitive = mesh::load(self.file, primitive, &place, wanted, &mut self.budget, &mut warnings)?;
+            let Some((mut out, mut deformation)) = loaded_primitive else { continue };
             out.material = material;
             out.name = mesh.name.clone().unwrap_or_else(|| place.clone());
-            match self.scene.materials[material].normal_map {
-                None => out.tangents.clear(),
-                Some(_) if !out.tangents.is_empty() => {}
-                Some(map) => {
-                    let uv_set = map.texture.uv_set as usize;
-                    if out.uvs[uv_set].is_empty() {
-                        let cause = format!("{place} has no TEXCOORD_{uv_set}: its normal map has no effect");
-                        warnings.push(cause);
-                    }
-                    tangents::generate(&mut out, uv_set, map.texture.transform);
+            let moves = skin.is_some() || (weighted.is_some() && !deformation.targets.is_empty());
+            match self.rig.as_mut().filter(|_| moves) {
+                // Its vertices stay the same ones in every pose: tangents that the file lacks are those of the undeformed mesh.
+                Some(rig) => {
+                    add_tangents(&mut out, &mut deformation, &self.scene.materials[material], &place, &mut warnings);
+                    let base = out.clone();
+                    deformation.apply(&mut out, weights, matrices);
+                    rig.shapes.push(Shape {
+                        mesh: self.scene.meshes.len(),
+                        base,
+                        deformation,
+                        skin: skin.map(|(index, _)| index),
+                        node: weighted,
+                        weights: weights.to_vec(),
+                    });
+                }
+                None => {
+                    deformation.apply(&mut out, weights, matrices);
+                    add_tangents(&mut out, &mut deformation, &self.scene.materials[material], &place, &mut warnings);
                 }
             }
             self.scene.meshes.push(out);
@@ -328,10 +393,25 @@ impl Loader<'_> {
     }
 }
 
-/// The rigid part of a placement: position, direction of -Z, and +Y as far as it is at right angles to it.
-fn rigid(world: Affine3A) -> Affine3A {
-    let back = world.z_axis.normalize_or(Vec3A::Z);
-    let x = world.y_axis.cross(back).normalize_or_zero();
-    let x = if x == Vec3A::ZERO { back.any_orthonormal_vector() } else { x };
-    Affine3A { matrix3: Mat3A::from_cols(x, back.cross(x), back), translation: world.translation }
+/// Gives a mesh the tangents that its material asks for, and none where it asks for none.
+fn add_tangents(
+    mesh: &mut Mesh,
+    deformation: &mut Deformation,
+    material: &Material,
+    place: &str,
+    warnings: &mut Vec<String>,
+) {
+    match material.normal_map {
+        None => mesh.tangents.clear(),
+        Some(_) if !mesh.tangents.is_empty() => {}
+        Some(map) => {
+            let uv_set = map.texture.uv_set as usize;
+            if mesh.uvs[uv_set].is_empty() {
+                warnings.push(format!("{place} has no TEXCOORD_{uv_set}: its normal map has no effect"));
+            }
+            if let Some(vertices) = tangents::generate(mesh, uv_set, map.texture.transform) {
+                deformation.select(&vertices);
+            }
+        }
+    }
 }

@@ -284,7 +284,7 @@ impl<'a> Loader<'a> {
         }
         if let (Some(frame), Some(map)) = (frame, self.scene.materials[mesh.material].normal_map) {
             match frame {
-                Frame::ImageUp => tangents::generate(mesh, 0, map.texture.transform),
+                Frame::ImageUp => _ = tangents::generate(mesh, 0, map.texture.transform),
                 Frame::RightHanded => {
                     tangents::generate(mesh, 0, Affine2::IDENTITY);
                     mesh.tangents.iter_mut().for_each(|t| t.w = 1.0);
