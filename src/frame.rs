@@ -56,7 +56,7 @@ pub struct Frame {
     light_in_view: Option<u32>,
     /// The film, and what an iteration keeps per pixel.
     pub pixels: PixelBuffers,
-    scratch: ViewScratch,
+    scratch: Option<ViewScratch>,
     light_vertices: wgpu::Buffer,
     demands: wgpu::Buffer,
     /// Non-finite values, bits of skipped iterations, then items and nodes that each view wanted.
@@ -127,10 +127,11 @@ impl Frame {
         // One for each time that a view is filled.
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
+        let rasterized = !plan.rays && !views.is_empty();
         let frame = Self {
-            view_setup: (!plan.rays).then(|| ViewSetup::new(gpu, false, plan.fast)),
+            view_setup: rasterized.then(|| ViewSetup::new(gpu, false, plan.fast)),
             drawn_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, true, true)),
-            view_lists: (!plan.rays).then(|| ViewLists::new(gpu, plan.fast)),
+            view_lists: rasterized.then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
@@ -148,7 +149,7 @@ impl Frame {
             directions,
             light_in_view: None,
             pixels,
-            scratch: ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit)),
+            scratch: rasterized.then(|| ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit))),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
             log: gpu.storage("log", 8 + 8 * fills as u64),
             demands,
@@ -337,8 +338,9 @@ impl Frame {
     /// queries answer. What it wanted is the `demand`-th.
     fn fill(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, view: usize, demand: usize) {
         let view = &self.views[view];
-        let (Some(setup), Some(lists)) = (&self.view_setup, &self.view_lists) else { return };
-        let scratch = &self.scratch;
+        let (Some(setup), Some(lists), Some(scratch)) = (&self.view_setup, &self.view_lists, &self.scratch) else {
+            return;
+        };
         view.reset(encoder, scratch);
         match (&view.depth_map, &self.drawn_setup, &self.depth_maps) {
             (Some(map), Some(setup), Some(pass)) => {
@@ -376,8 +378,8 @@ impl Frame {
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
-            if items > self.scratch.item_room {
-                self.scratch = ViewScratch::new(gpu, items + items / 2);
+            if self.scratch.as_ref().is_some_and(|scratch| items > scratch.item_room) {
+                self.scratch = Some(ViewScratch::new(gpu, items + items / 2));
                 self.light_in_view = None;
             }
             if nodes > view.node_room {
@@ -394,7 +396,7 @@ impl Frame {
     pub fn bytes(&self) -> u64 {
         let views: u64 = self.views.iter().map(ViewBuffers::bytes).sum();
         let pool = self.light_pool.as_ref().map_or(0, LightPool::bytes);
-        self.pixels.bytes() + self.gbuffer.bytes() + self.scratch.bytes() + views + pool
+        self.pixels.bytes() + self.gbuffer.bytes() + self.scratch.as_ref().map_or(0, ViewScratch::bytes) + views + pool
     }
 
     /// Largest number of nodes that any view has room for.
@@ -408,7 +410,7 @@ impl Frame {
         let rooms: Vec<_> = (0..self.fills())
             .filter_map(|n| self.views.get(n).or(self.views.last()))
             .map(|v| layouts::Demand {
-                item_room: self.scratch.item_room as u32,
+                item_room: self.scratch.as_ref().map_or(0, |scratch| scratch.item_room) as u32,
                 node_room: v.node_room as u32,
                 ..Default::default()
             })

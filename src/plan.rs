@@ -271,7 +271,7 @@ impl FramePlan {
     #[must_use]
     pub fn item_room(&self, triangles: u64, limit: u64) -> u64 {
         // Lists need none for small triangles.
-        match (self.rays, self.has_depth_maps()) {
+        match (self.rays || self.views().is_empty(), self.has_depth_maps()) {
             (true, _) => 0,
             (false, true) => (triangles * 2 + 1024).min(limit / 16),
             (false, false) => (triangles / 4 + 1024).min(limit / 16),

@@ -39,7 +39,8 @@ struct Guard {
 }
 
 fn methods() -> [(&'static str, Settings); 5] {
-    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, ..Settings::default() };
+    // With room for all lists: what an iteration that has to be redone wanted of later views depends on which nodes were lost.
+    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, list_room: 4.0, ..Settings::default() };
     let of = |method| Settings { method, ..base.clone() };
     [
         ("raster", of(Method::Raster)),
