@@ -40,11 +40,12 @@ struct Guard {
 
 fn methods() -> [(&'static str, Settings); 5] {
     // With room for all lists: what an iteration that has to be redone wanted of later views depends on which nodes were lost.
-    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, list_room: 4.0, ..Settings::default() };
+    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, ..Settings::default() };
+    let raster = Settings { list_room: 4.0, ..base.clone() };
     let of = |method| Settings { method, ..base.clone() };
     [
-        ("raster", of(Method::Raster)),
-        ("raster fast", Settings { visibility: Visibility::Fast, ..of(Method::Raster) }),
+        ("raster", raster.clone()),
+        ("raster fast", Settings { visibility: Visibility::Fast, ..raster }),
         ("twin", of(Method::Twin)),
         ("ray-query", of(Method::RayQuery)),
         ("path", of(Method::Path)),
