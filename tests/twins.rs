@@ -55,7 +55,9 @@ struct Answer {
 /// Runs the twins on the device.
 fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], questions: &[Question]) -> Vec<Answer> {
     let geometry = Geometry::new(scene);
-    let uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, Met::All)).unwrap();
+    let mut uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, Met::All)).unwrap();
+    // The twins of lights are asked in all scenes.
+    uploaded.stand_in(gpu, &[flags, &["PUNCTUAL"]].concat());
     let pass = Compute::new(gpu, "twins", "twins", flags);
     let asked = gpu.upload("twin_questions", questions);
     let answers = gpu.storage("twin_answers", size_of_val(questions) as u64 / 48 * 64);
