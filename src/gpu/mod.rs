@@ -12,7 +12,7 @@ mod timing;
 pub use device::{Capabilities, Gpu, GpuError};
 pub use ledger::{Allocated, Counts, Ledger, Recorded};
 pub use non_finite::NonFinite;
-pub use pass::{Bindings, Compute, Raster, RasterTargets};
+pub use pass::{Bindings, Compute, Raster, RasterTargets, rows};
 pub use readback::read_back;
 pub use shaders::{Flags, link, module_names};
 pub use timing::{PassTime, Timings};

@@ -116,6 +116,12 @@ fn bind_groups(
         .collect()
 }
 
+/// So many threads as columns and rows of up to 2^16, for [`Compute::record`]: one dimension alone ends at 65535 workgroups.
+#[must_use]
+pub fn rows(threads: u32) -> [u32; 2] {
+    [threads.min(1 << 16), threads.div_ceil(1 << 16)]
+}
+
 /// A compute pipeline.
 #[derive(Clone)]
 pub struct Compute {

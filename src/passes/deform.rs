@@ -6,7 +6,7 @@
 
 use glam::{Mat4, Vec3, Vec4};
 
-use crate::gpu::{Compute, Gpu, GpuError};
+use crate::gpu::{Compute, Gpu, GpuError, rows};
 use crate::gpu_scene::GpuScene;
 use crate::layouts::{Joint, MorphOffset, Origin, PosedInstance, RestVertex};
 use crate::scene::animation::Shape;
@@ -193,8 +193,6 @@ impl Deform {
                 ("morph_weights", morph_weights.as_entire_binding()),
             ]);
         }
-        let count = origins.len() as u32;
-        let threads = [count.min(1 << 16), count.div_ceil(1 << 16)];
-        self.pipeline.record(gpu, encoder, threads, &gpu_scene.with(&own));
+        self.pipeline.record(gpu, encoder, rows(origins.len() as u32), &gpu_scene.with(&own));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Reads the eye vertices z1 and the lights. Runs once, and only where there are many lights.
 
-use crate::gpu::{Compute, Gpu, GpuError, read_back};
+use crate::gpu::{Compute, Gpu, GpuError, read_back, rows};
 use crate::gpu_scene::GpuScene;
 use crate::pixels::Band;
 
@@ -32,8 +32,7 @@ impl LightGifts {
     ) {
         let mut bindings = scene.with(&band.bindings());
         bindings.extend([("strategy", strategy.as_entire_binding()), ("light_gifts", self.gifts.as_entire_binding())]);
-        let threads = [self.count.min(1 << 16), self.count.div_ceil(1 << 16)];
-        self.compute.record(gpu, encoder, threads, &bindings);
+        self.compute.record(gpu, encoder, rows(self.count), &bindings);
     }
 
     /// What each light gives, in any unit, once the pass has run.

@@ -1,6 +1,6 @@
 //! queries: asks a view about many points at once; only tests and measurements run it.
 
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Compute, Gpu, rows};
 use crate::gpu_scene::GpuScene;
 use crate::view::ViewBuffers;
 
@@ -27,8 +27,6 @@ impl Queries {
     ) {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend([("questions", questions.as_entire_binding()), ("answers", answers.as_entire_binding())]);
-        let groups = count.div_ceil(64);
-        let columns = groups.clamp(1, 1 << 15);
-        self.0.record(gpu, encoder, [columns * 64, groups.div_ceil(columns)], &bindings);
+        self.0.record(gpu, encoder, rows(count), &bindings);
     }
 }

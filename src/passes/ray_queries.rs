@@ -1,7 +1,7 @@
 //! ray_queries: asks ray queries about many rays and edges at once; only tests and measurements run it.
 
 use crate::acceleration::Acceleration;
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Compute, Gpu, rows};
 use crate::gpu_scene::GpuScene;
 
 /// The pass.
@@ -27,8 +27,6 @@ impl RayQueries {
     ) {
         let mut bindings = scene.with(&acceleration.bindings());
         bindings.extend([("questions", questions.as_entire_binding()), ("answers", answers.as_entire_binding())]);
-        let groups = count.div_ceil(64);
-        let columns = groups.clamp(1, 1 << 15);
-        self.0.record(gpu, encoder, [columns * 64, groups.div_ceil(columns)], &bindings);
+        self.0.record(gpu, encoder, rows(count), &bindings);
     }
 }

@@ -3,7 +3,7 @@
 //! Reads the geometry and the view. Writes its records, lists, items and tally. Skipped for the light's view while the light stays
 //! the same.
 
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Compute, Gpu, rows};
 use crate::gpu_scene::GpuScene;
 use crate::view::{ViewBuffers, ViewScratch};
 
@@ -31,10 +31,6 @@ impl ViewSetup {
         view: &ViewBuffers,
         scratch: &ViewScratch,
     ) {
-        // Rows of 2^15 workgroups: one dimension alone ends at 65535.
-        let groups = scene.triangles.div_ceil(64);
-        let columns = groups.min(1 << 15);
-        let threads = [columns * 64, groups.div_ceil(columns)];
         let bindings = scene.with(&[
             ("view", view.view.as_entire_binding()),
             ("records", view.records.as_entire_binding()),
@@ -42,6 +38,6 @@ impl ViewSetup {
             ("tally", scratch.tally.as_entire_binding()),
             ("lists", view.lists.as_entire_binding()),
         ]);
-        self.0.record(gpu, encoder, threads, &bindings);
+        self.0.record(gpu, encoder, rows(scene.triangles), &bindings);
     }
 }

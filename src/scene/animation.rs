@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use glam::{Affine3A, Mat3A, Mat4, Quat, Vec3, Vec3A, Vec4};
 
+use super::geometry::cofactor;
 use super::{Bsdf, Light, LoadError, Mesh, Projection, Scene, load};
 
 /// How values between two keys come about.
@@ -356,12 +357,7 @@ impl Deformation {
             let linear = Mat3A::from_mat4(blend);
             *mirrored = linear.determinant() < 0.0;
             if let Some(normal) = mesh.normals.get_mut(i) {
-                let cofactor = Mat3A::from_cols(
-                    linear.y_axis.cross(linear.z_axis),
-                    linear.z_axis.cross(linear.x_axis),
-                    linear.x_axis.cross(linear.y_axis),
-                );
-                *normal = Vec3::from(cofactor * Vec3A::from(*normal)) * if *mirrored { -1.0 } else { 1.0 };
+                *normal = Vec3::from(cofactor(linear) * Vec3A::from(*normal)) * if *mirrored { -1.0 } else { 1.0 };
             }
             if let Some(tangent) = mesh.tangents.get_mut(i) {
                 let w = if *mirrored { -tangent.w } else { tangent.w };

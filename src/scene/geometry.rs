@@ -43,6 +43,15 @@ pub struct Origin {
     pub corners: Option<[u32; 3]>,
 }
 
+/// What normals go with where points go with `linear`; it also stands up to a singular transform.
+pub(super) fn cofactor(linear: Mat3A) -> Mat3A {
+    Mat3A::from_cols(
+        linear.y_axis.cross(linear.z_axis),
+        linear.z_axis.cross(linear.x_axis),
+        linear.x_axis.cross(linear.y_axis),
+    )
+}
+
 impl Geometry {
     /// Flattens a scene. Triangles without area are left out: they can neither be hit nor seen.
     #[must_use]
@@ -62,12 +71,7 @@ impl Geometry {
         for (i, instance) in (0..).zip(&scene.instances) {
             let mesh = &scene.meshes[instance.mesh];
             let linear = instance.world_from_local.matrix3;
-            // Normals go with the cofactor matrix, which also stands up to a singular transform.
-            let cofactor = Mat3A::from_cols(
-                linear.y_axis.cross(linear.z_axis),
-                linear.z_axis.cross(linear.x_axis),
-                linear.x_axis.cross(linear.y_axis),
-            );
+            let cofactor = cofactor(linear);
             let mirrored = linear.determinant() < 0.0;
             let base = out.vertices.len() as u32;
             let smooth = !mesh.normals.is_empty();

@@ -4,9 +4,9 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Vec2, Vec3};
+use glam::{Affine3A, Vec2, Vec3};
 
-use super::Mesh;
+use super::{Instance, Material, Mesh, Scene};
 
 /// The square [-1, 1]^2 in the plane z = 0, facing +Z; v runs along +Y.
 #[must_use]
@@ -20,6 +20,43 @@ pub fn rectangle() -> Mesh {
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         ..Mesh::default()
     }
+}
+
+/// Two triangles with corners a, a + u, a + u + v, a + v; the front is where u turns counter-clockwise into v. uv (0, 0) at a + v,
+/// as of an image seen upright with u to the right and v up.
+#[must_use]
+pub fn quad(a: Vec3, u: Vec3, v: Vec3) -> Mesh {
+    Mesh {
+        positions: vec![a, a + u, a + u + v, a + v],
+        uvs: [vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO], Vec::new()],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
+/// A box seen from inside, from -half to half.
+#[must_use]
+pub fn room(half: f32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+        for n in [n, -n] {
+            // Seen from inside, u turns counter-clockwise into -n x u.
+            let v = (-n).cross(u);
+            let base = mesh.positions.len() as u32;
+            let side = quad(half * (n - u - v), 2.0 * half * u, 2.0 * half * v);
+            mesh.positions.extend(side.positions);
+            mesh.triangles.extend(side.triangles.iter().map(|t| t.map(|i| i + base)));
+        }
+    }
+    mesh
+}
+
+/// Adds a mesh with a material of its own, at its place.
+pub fn add(scene: &mut Scene, mut mesh: Mesh, material: Material) {
+    mesh.material = scene.materials.len();
+    scene.materials.push(material);
+    scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
+    scene.meshes.push(mesh);
 }
 
 /// The cube [-1, 1]^3, every face with its own corners and the whole of uv.

@@ -5,14 +5,13 @@ use std::path::Path;
 
 use glam::{Affine3A, Vec3};
 
-use super::scenes::{
-    add, apart, cornell, ground, mean, noon, noon_ground, parallel, pinhole, placed, point, quad, range, room, sky,
-};
+use super::scenes::{apart, cornell, ground, mean, noon, noon_ground, parallel, pinhole, placed, point, range, sky};
 use super::{Case, Seen, Stage};
 use crate::film::Film;
 use crate::gpu::Gpu;
 use crate::reference::{Reference, ReferenceSettings};
 use crate::renderer::{Progressive, Renderer};
+use crate::scene::shapes::{add, quad, room};
 use crate::scene::{
     Bsdf, Environment, EnvironmentMap, Filter, Geometry, Image, Instance, Light, Material, Mesh, Rows, Scene,
     SpotFalloff, Texture, TextureRef, Wrap, load,

@@ -3,50 +3,17 @@
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
 use crate::film::Film;
-use crate::scene::{Camera, Environment, FovAxis, Instance, Light, Material, Mesh, Projection, Scene, builtin};
+use crate::scene::shapes::{add, quad};
+use crate::scene::{Camera, Environment, FovAxis, Light, Material, Mesh, Projection, Scene, builtin};
 
 /// The Cornell box, 2 m wide, with a point light.
 pub fn cornell() -> Result<Scene, String> {
     builtin::load("cornell_point").map_err(|e| e.to_string())
 }
 
-/// Adds a mesh with a material of its own, at its place.
-pub fn add(scene: &mut Scene, mut mesh: Mesh, material: Material) {
-    mesh.material = scene.materials.len();
-    scene.materials.push(material);
-    scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
-    scene.meshes.push(mesh);
-}
-
-/// Two triangles with corners a, a + u, a + u + v, a + v; the front is where u turns counter-clockwise into v.
-pub fn quad(a: Vec3, u: Vec3, v: Vec3) -> Mesh {
-    Mesh {
-        positions: vec![a, a + u, a + u + v, a + v],
-        uvs: [vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO], Vec::new()],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    }
-}
-
 /// A square on the ground, front up, from -half to half.
 pub fn ground(half: f32) -> Mesh {
     quad(Vec3::new(-half, 0.0, half), Vec3::X * (2.0 * half), Vec3::NEG_Z * (2.0 * half))
-}
-
-/// A box seen from inside, from -half to half.
-pub fn room(half: f32) -> Mesh {
-    let mut mesh = Mesh::default();
-    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
-        for n in [n, -n] {
-            // Seen from inside, u turns counter-clockwise into -n x u.
-            let v = (-n).cross(u);
-            let base = mesh.positions.len() as u32;
-            let side = quad(half * (n - u - v), 2.0 * half * u, 2.0 * half * v);
-            mesh.positions.extend(side.positions);
-            mesh.triangles.extend(side.triangles.iter().map(|t| t.map(|i| i + base)));
-        }
-    }
-    mesh
 }
 
 fn look(at: Vec3, along: Vec3) -> Affine3A {

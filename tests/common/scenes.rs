@@ -2,26 +2,9 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
-use lightsheaf::scene::{Camera, Emission, FovAxis, Instance, Material, Mesh, Projection, Scene};
-
-/// Adds a mesh with a material of its own.
-pub fn add(scene: &mut Scene, mut mesh: Mesh, material: Material) {
-    mesh.material = scene.materials.len();
-    scene.materials.push(material);
-    scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
-    scene.meshes.push(mesh);
-}
-
-/// Two triangles with corners a, a + u, a + u + v, a + v; the front is where u turns counter-clockwise into v. uv (0, 0) at a + v,
-/// as of an image seen upright with u to the right and v up.
-pub fn quad(a: Vec3, u: Vec3, v: Vec3) -> Mesh {
-    Mesh {
-        positions: vec![a, a + u, a + u + v, a + v],
-        uvs: [vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO], Vec::new()],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        ..Mesh::default()
-    }
-}
+#[allow(unused_imports, reason = "not every test builds with both")]
+pub use lightsheaf::scene::shapes::{add, quad};
+use lightsheaf::scene::{Camera, Emission, FovAxis, Material, Mesh, Projection, Scene, shapes};
 
 /// A floor at height y, front up, from -half to half.
 pub fn floor(half: f32, y: f32) -> Mesh {
@@ -30,18 +13,7 @@ pub fn floor(half: f32, y: f32) -> Mesh {
 
 /// The inside of a box from -1 to 1, fronts inwards.
 pub fn room() -> Mesh {
-    let mut mesh = Mesh::default();
-    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
-        for n in [n, -n] {
-            // Seen from the inside, u turns counter-clockwise into -n x u.
-            let v = (-n).cross(u);
-            let base = mesh.positions.len() as u32;
-            let side = quad(n - u - v, 2.0 * u, 2.0 * v);
-            mesh.positions.extend(side.positions);
-            mesh.triangles.extend(side.triangles.iter().map(|t| t.map(|i| i + base)));
-        }
-    }
-    mesh
+    shapes::room(1.0)
 }
 
 /// An icosahedron subdivided onto the unit sphere, fronts outwards, flat.
