@@ -25,10 +25,7 @@ pub fn describe(
         clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
         samples: (iteration + 1) as f32,
         jitter,
-        y1_random: sampler.get2(Decision::Y1),
-        y2_random: sampler.get2(Decision::Y2),
         iteration: batch_index,
-        noise: sampler.bits(),
         ..describe_camera(camera, settings)
     };
     if let Some((shift, focus)) = on_lens {

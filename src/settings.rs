@@ -23,6 +23,13 @@ pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
 /// Light points of a pool.
 const POOLS: RangeInclusive<u32> = 1..=256;
 
+/// Layer pixels along a side of a square that shares its samples, and image pixels along a side of a layer's.
+const SIDES_OF_SQUARES: RangeInclusive<u32> = 1..=8;
+const SCALES: RangeInclusive<u32> = 1..=16;
+
+/// Frames that a pixel remembers.
+const HISTORIES: RangeInclusive<u32> = 0..=1024;
+
 /// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
 pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
 
@@ -271,6 +278,19 @@ pub struct Settings {
     /// [default: 262144, with a light pool 1048576]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub band_pixels: Option<u32>,
+    /// Interleaved sampling: pixels along a side of the squares whose pixels each have a light subpath and bundles of their own, 1 to 8,
+    /// joined by a filter; 1: all pixels share one
+    #[arg(long, value_name = "N", default_value_t = Self::default().interleave, allow_negative_numbers = true, help_heading = LIVE)]
+    pub interleave: u32,
+    /// Leave what --interleave splits unfiltered
+    #[arg(long, help_heading = LIVE)]
+    pub unfiltered: bool,
+    /// Frames that indirect light is averaged over, following what moves and forgetting what has changed, 0 to 1024
+    #[arg(long, value_name = "FRAMES", default_value_t = Self::default().history, allow_negative_numbers = true, help_heading = LIVE)]
+    pub history: u32,
+    /// Indirect light for every n-th pixel of every n-th row alone, 1 to 16, interpolated where surfaces are alike
+    #[arg(long, value_name = "N", default_value_t = Self::default().upsample, allow_negative_numbers = true, help_heading = LIVE)]
+    pub upsample: u32,
     /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
     pub aperture: Option<f32>,
@@ -284,6 +304,9 @@ pub struct Settings {
 
 /// Heading of the options that only raster has.
 const RASTER: &str = "Options of raster";
+
+/// Heading of the options that make a good picture of few samples, frame by frame.
+const LIVE: &str = "Real-time options of raster and twin";
 
 /// Heading of the options that only paths of each pixel have.
 const RAYS: &str = "Options of ray-query and path";
@@ -312,6 +335,10 @@ impl Default for Settings {
             paper_clamp: 0.05,
             list_room: 1.0,
             band_pixels: None,
+            interleave: 1,
+            unfiltered: false,
+            history: 0,
+            upsample: 1,
             aperture: None,
             focus: None,
             camera: 0,
@@ -375,6 +402,15 @@ impl Settings {
         if let Some(points) = self.light_pool.filter(|n| !POOLS.contains(n)) {
             return wrong("--light-pool", &points, format!("has to be {}", span(&POOLS)));
         }
+        for (option, value, range) in [
+            ("--interleave", self.interleave, SIDES_OF_SQUARES),
+            ("--history", self.history, HISTORIES),
+            ("--upsample", self.upsample, SCALES),
+        ] {
+            if !range.contains(&value) {
+                return wrong(option, &value, format!("has to be {}", span(&range)));
+            }
+        }
         if let Some(metres) = self.aperture.filter(|a| !APERTURES.contains(a)) {
             return wrong("--aperture", &metres, format!("has to be {} metres", span(&APERTURES)));
         }
@@ -387,6 +423,12 @@ impl Settings {
             }
         }
         self.check_foreign()
+    }
+
+    /// Whether pictures are filtered frame by frame rather than only summed.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.interleave > 1 || self.history > 0 || self.upsample > 1
     }
 
     /// Exponent of the MIS heuristic.
@@ -413,6 +455,9 @@ impl Settings {
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
         let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
+        let live = |option, value: u32, default: u32| {
+            (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
+        };
         let sampling = self.light_sampling.filter(|l| judge || (shares && l.has_tree()));
         let resampling = self.light_sampling.filter(|l| l.resamples());
         let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
@@ -428,6 +473,9 @@ impl Settings {
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
+            live("--interleave", self.interleave, default.interleave),
+            live("--history", self.history, default.history),
+            live("--upsample", self.upsample, default.upsample),
             ("--restir-bias", bias, "path with --light-sampling restir"),
             ("--restir-memory", memory, "path with --light-sampling restir"),
         ];
