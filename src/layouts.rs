@@ -406,7 +406,8 @@ layouts! {
         history: f32,
         odd: u32,
         averages: f32,
-        pad1: [u32; 2],
+        frames: f32,
+        pad: u32,
     }
 
     /// What is kept of a surface per pixel; the last two fields only where anything is glossy. The host only needs its size.

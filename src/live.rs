@@ -19,6 +19,7 @@ use crate::passes::antialias::Antialias;
 use crate::passes::compose::Compose;
 use crate::passes::filter::Filter;
 use crate::passes::gradient::Gradient;
+use crate::passes::outliers::Outliers;
 use crate::passes::temporal::Temporal;
 use crate::plan::FramePlan;
 
@@ -70,6 +71,7 @@ pub struct Live {
     gradient: Option<(Gradient, wgpu::Buffer)>,
     temporal: Option<(Temporal, Pair)>,
     filter: Option<(Filter, wgpu::Buffer)>,
+    outliers: Option<(Outliers, wgpu::Buffer)>,
     compose: Compose,
     composed: wgpu::Buffer,
     antialias: Antialias,
@@ -102,6 +104,7 @@ impl Live {
             gradient: plan.has_gradients().then(|| (Gradient::new(gpu), gpu.storage("gradients", squares * 8))),
             temporal: (plan.history > 0).then(|| (Temporal::new(gpu), Pair::new(gpu, "history", layer * 32))),
             filter: plan.filtered.then(|| (Filter::new(gpu, glossy), gpu.storage("filtered", layer * 32))),
+            outliers: plan.tamed.then(|| (Outliers::new(gpu), gpu.storage("tamed", layer * 32))),
             compose: Compose::new(gpu, upsample),
             composed: gpu.storage("composed", image * 16),
             antialias: Antialias::new(gpu),
@@ -115,7 +118,8 @@ impl Live {
         let pairs = [&self.guides, &self.clear, &self.indirect, &self.pictures];
         let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
         let more = [&self.composed].into_iter().chain(self.gradient.as_ref().map(|(_, buffer)| buffer));
-        let more = more.chain(self.filter.as_ref().map(|(_, buffer)| buffer)).chain(&self.positions_before);
+        let more = more.chain(self.filter.as_ref().map(|(_, buffer)| buffer));
+        let more = more.chain(self.outliers.as_ref().map(|(_, buffer)| buffer)).chain(&self.positions_before);
         pairs.map(Pair::bytes).sum::<u64>() + more.map(wgpu::Buffer::size).sum::<u64>()
     }
 
@@ -215,6 +219,11 @@ impl Live {
             pass.record(gpu, encoder, layer, &bindings(scene, &shared, &more));
             light = filtered;
         }
+        if let Some((pass, tamed)) = &self.outliers {
+            let more = [of_layer.as_slice(), &[("filtered", light), ("tamed", tamed)]].concat();
+            pass.record(gpu, encoder, layer, &bindings(scene, &shared, &more));
+            light = tamed;
+        }
         let of_image = [
             ("guides", self.guides.now(frame)),
             ("layer_guides", layer_guides.now(frame)),
@@ -255,6 +264,7 @@ impl Live {
             // What stands still may converge.
             history: u64::from(self.history).max(self.still + 1) as f32,
             odd: (self.frame % 2) as u32,
+            frames: (self.still + 1) as f32,
             averages: if self.temporal.is_some() { 2.0 } else { 1.0 },
             ..Default::default()
         }

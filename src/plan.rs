@@ -120,6 +120,8 @@ pub struct FramePlan {
     pub clear_light: bool,
     /// Whether the pixels of a square are joined by a filter.
     pub filtered: bool,
+    /// Whether outliers of the layers are given the brightness of those around them.
+    pub tamed: bool,
     /// Frames that indirect light is averaged over; 0: none.
     pub history: u32,
     /// Bytes of buffers and textures beside the scene, at the start.
@@ -254,6 +256,7 @@ impl FramePlan {
             },
             clear_light: stats.one_sharp_light && light_pool == 1,
             filtered: settings.interleave > 1 && !settings.unfiltered,
+            tamed: settings.tame_outliers && settings.is_live(),
             history: settings.history,
             bytes: 0,
         };
@@ -406,6 +409,7 @@ impl FramePlan {
         let mut of_layer = 2 * 32;
         of_layer += if self.grid.scale > 1 { 2 * guide } else { 0 };
         of_layer += if self.filtered { 32 } else { 0 };
+        of_layer += if self.tamed { 32 } else { 0 };
         of_layer += if self.history > 0 { 2 * 32 } else { 0 };
         let squares: u64 = self.grid.layer().map(|side| u64::from(side.div_ceil(self.grid.side))).iter().product();
         image * of_image + layer * of_layer + if self.has_gradients() { 8 * squares } else { 0 }
@@ -549,6 +553,7 @@ impl FramePlan {
             format!("joins the {} light subpaths of a square", side * side),
             if side > 1 { "--unfiltered" } else { "no --interleave" },
         );
+        row("outliers", self.tamed, "as asked for".to_owned(), "not asked for");
         let upsampled = format!("layers, {scale} times finer, into a picture");
         row("compose", self.is_live(), if scale > 1 { upsampled } else { "layers into a picture".to_owned() }, "");
         row("antialias", self.is_live(), "the mean of frames".to_owned(), "");

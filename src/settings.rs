@@ -291,6 +291,9 @@ pub struct Settings {
     /// Indirect light for every n-th pixel of every n-th row alone, 1 to 16, interpolated where surfaces are alike
     #[arg(long, value_name = "N", default_value_t = Self::default().upsample, allow_negative_numbers = true, help_heading = LIVE)]
     pub upsample: u32,
+    /// Give pixels of indirect light that stick out the brightness of those around them: less noise, and darker
+    #[arg(long, help_heading = LIVE)]
+    pub tame_outliers: bool,
     /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
     pub aperture: Option<f32>,
@@ -339,6 +342,7 @@ impl Default for Settings {
             unfiltered: false,
             history: 0,
             upsample: 1,
+            tame_outliers: false,
             aperture: None,
             focus: None,
             camera: 0,
@@ -420,6 +424,14 @@ impl Settings {
         for (option, resolution) in self.resolutions() {
             if let Some(texels) = resolution.filter(|r| !RESOLUTIONS.contains(r)) {
                 return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
+            }
+        }
+        for (option, given, needed, wanted) in [
+            ("--unfiltered", self.unfiltered, self.interleave > 1, "--interleave"),
+            ("--tame-outliers", self.tame_outliers, self.is_live(), "--interleave, --history or --upsample"),
+        ] {
+            if given && !needed {
+                return wrong(option, &"", format!("needs {wanted}"));
             }
         }
         self.check_foreign()

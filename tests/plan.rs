@@ -104,6 +104,7 @@ fn without_light_only_the_camera_looks() {
         ("gradient", 0),
         ("temporal", 0),
         ("filter", 0),
+        ("outliers", 0),
         ("compose", 0),
         ("antialias", 0),
     ];

@@ -75,6 +75,7 @@ modules!(
     "light_subpath",
     "mis_sums",
     "non_finite",
+    "outliers",
     "path_weights",
     "queries",
     "ray_queries",
