@@ -218,7 +218,8 @@ impl Frame {
     ) {
         // What the camera sees of the scene is the same for all classes of pixels.
         let seen = describe(scene, camera, settings, &Sampler::new(settings.seed, iteration), iteration, batch_index);
-        let seen = layouts::Frame { samples: self.live.as_ref().map_or(seen.samples, Live::samples), ..seen };
+        let samples = self.live.as_ref().map_or(seen.samples, |live| live.samples() / settings.clamp_samples);
+        let seen = layouts::Frame { samples, ..seen };
         for class in 0..self.plan.grid.subpaths() {
             let sampler = Sampler::new(settings.seed, self.number(iteration, class));
             let uniform = with_numbers(&seen, &sampler);

@@ -23,7 +23,7 @@ pub fn describe(
     let on_lens = lens_point(camera, sampler);
     let mut out = layouts::Frame {
         clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
-        samples: (iteration + 1) as f32,
+        samples: (iteration + 1) as f32 / settings.clamp_samples,
         jitter,
         iteration: batch_index,
         ..describe_camera(camera, settings)

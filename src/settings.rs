@@ -268,6 +268,10 @@ pub struct Settings {
     /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
     #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
     pub paper_clamp: f32,
+    /// Samples that a highlight should hold, 0.01 to 1000: narrower lobes are widened until enough samples have come (m' of section 5.2);
+    /// fewer leave highlights sharper and noisier
+    #[arg(long, value_name = "N", default_value_t = Self::default().clamp_samples, allow_negative_numbers = true, help_heading = RASTER)]
+    pub clamp_samples: f32,
     /// Light points per iteration that the direct light of each pixel is chosen from, 1 to 256 [default: chosen from the scene]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub light_pool: Option<u32>,
@@ -336,6 +340,7 @@ impl Default for Settings {
             vpl_resolution: None,
             light_pool: None,
             paper_clamp: 0.05,
+            clamp_samples: 16.0,
             list_room: 1.0,
             band_pixels: None,
             interleave: 1,
@@ -390,6 +395,9 @@ impl Settings {
         }
         if let Some(beta) = self.beta.filter(|b| !BETAS.contains(b)) {
             return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
+        }
+        if !(0.01..=1000.0).contains(&self.clamp_samples) {
+            return wrong("--clamp-samples", &self.clamp_samples, "has to be 0.01 to 1000".to_owned());
         }
         if !(0.001..=16.0).contains(&self.list_room) {
             return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
@@ -466,6 +474,7 @@ impl Settings {
         let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
+        let lobes = (self.clamp_samples != default.clamp_samples && !shares).then(|| self.clamp_samples.to_string());
         let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
         let live = |option, value: u32, default: u32| {
             (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
@@ -480,6 +489,7 @@ impl Settings {
             ("--list-room", room, "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
+            ("--clamp-samples", lobes, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
