@@ -42,6 +42,13 @@
 //! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
 //! [`passes::accumulate`] adds the iteration to the film.
 //!
+//! # Few samples
+//!
+//! [`grid`] says which pixels share a light subpath: all, or, interleaved, those of a class, each of which has one and views of its own.
+//! Then the iteration fills layers instead of the film, and [`live`] makes a picture of them and of what frames before left:
+//! [`passes::gradient`], [`passes::temporal`], [`passes::filter`], [`passes::outliers`], [`passes::compose`],
+//! [`passes::antialias`].
+//!
 //! # With ray queries
 //!
 //! `twin` is the same [`frame`] with no views rasterized: shaders/visibility has the same questions answered by lists and by rays,

@@ -39,6 +39,9 @@ pub const APERTURES: RangeInclusive<f32> = 0.0..=1000.0;
 /// Metres to the plane of focus.
 pub const FOCUSES: RangeInclusive<f32> = 1e-3..=1e6;
 
+/// Errors that a picture may be asked for: below, f32 pictures do not tell.
+pub const TARGETS: RangeInclusive<f64> = 1e-8..=1.0;
+
 /// Seconds of a budget: up to a week.
 pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 
@@ -225,6 +228,9 @@ pub struct Settings {
     /// As many samples as this time allows, instead of a number; counted from the first sample on
     #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
     pub budget: Option<f64>,
+    /// As many samples as bring the picture's error, estimated from its halves, down to this rel_mse, or as --budget allows; 1e-8 to 1
+    #[arg(long, value_name = "REL_MSE", conflicts_with = "samples", allow_negative_numbers = true)]
+    pub target_error: Option<f64>,
     /// Indirect bounces: 0 is direct light only, at most 64; path and the reference also take `unlimited`
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces)]
     #[serde(serialize_with = "serialize_bounces")]
@@ -326,6 +332,7 @@ impl Default for Settings {
             height: 512,
             samples: 64,
             budget: None,
+            target_error: None,
             bounces: 2,
             seed: 1,
             visibility: Visibility::Exact,
@@ -384,6 +391,9 @@ impl Settings {
         }
         if let Some(seconds) = self.budget.filter(|s| !BUDGETS.contains(s)) {
             return wrong("--budget", &seconds, format!("has to be {} seconds", span(&BUDGETS)));
+        }
+        if let Some(error) = self.target_error.filter(|e| !TARGETS.contains(e)) {
+            return wrong("--target-error", &error, format!("has to be {}", span(&TARGETS)));
         }
         let unlimited = matches!(self.method, Method::Path | Method::Reference);
         if bounces == UNLIMITED && !unlimited {
@@ -492,6 +502,7 @@ impl Settings {
             ("--clamp-samples", lobes, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
+            ("--target-error", self.target_error.filter(|_| judge).map(|e| e.to_string()), "raster, twin, ray-query and path"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),

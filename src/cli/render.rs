@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
+use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
@@ -20,6 +21,9 @@ use super::view::{self, ANIMATION, View, ViewArgs};
 
 /// Most samples between two looks at the clock.
 const ROUND: u64 = 8;
+
+/// Samples of the first picture that another is held against.
+const FIRST_HALF: u64 = 8;
 
 #[derive(clap::Args)]
 pub struct RenderArgs {
@@ -63,6 +67,8 @@ struct Stats<'a> {
     size: [u32; 2],
     /// Samples in the picture: with a budget, as many as there was time for.
     samples: u64,
+    /// With `--target-error`: rel_mse as the picture's first half tells it.
+    estimated_error: Option<f64>,
     seconds: Seconds,
     /// With --frames, since the first one.
     passes: BTreeMap<&'static str, PassTime>,
@@ -304,12 +310,14 @@ impl Job<'_> {
         let setup = self.began.elapsed().as_secs_f64();
         let began = Instant::now();
         let bar = self.bar(self.settings.samples.into());
-        match self.settings.budget {
-            None => renderer.render(self.settings.samples.into(), &mut |samples| {
+        let mut estimated_error = None;
+        match (self.settings.target_error, self.settings.budget) {
+            (Some(target), _) => estimated_error = self.converge(renderer, target, &bar)?,
+            (None, None) => renderer.render(self.settings.samples.into(), &mut |samples| {
                 bar.set_position(samples);
                 true
             })?,
-            Some(seconds) => {
+            (None, Some(seconds)) => {
                 let clock = Clock::new(seconds);
                 let mut samples = 0;
                 while let Some(round) = clock.next_round(samples, ROUND) {
@@ -327,6 +335,7 @@ impl Job<'_> {
         let stats = Stats {
             device: gpu.capabilities.adapter.clone(),
             samples,
+            estimated_error,
             seconds: Seconds { load: self.load, setup, render },
             bytes,
             scene_bytes,
@@ -338,6 +347,39 @@ impl Job<'_> {
             ..self.empty_stats()
         };
         Ok((film, stats))
+    }
+
+    /// Doubles the samples until the picture is as near to the truth as asked for, or the budget is used. Between a picture and that of its
+    /// first half lies as much as between it and the truth, in the mean: their difference is half of that of two independent halves.
+    fn converge(
+        &self,
+        renderer: &mut dyn Progressive,
+        target: f64,
+        bar: &ProgressBar,
+    ) -> Result<Option<f64>, RenderError> {
+        let clock = self.settings.budget.map(Clock::new);
+        let (mut samples, mut half, mut error) = (0, None, None);
+        let mut end = FIRST_HALF;
+        while end <= (*SAMPLES.end()).into() {
+            while samples < end {
+                let most = ROUND.min(end - samples);
+                let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most));
+                let Some(round) = round else { return Ok(error) };
+                renderer.render(round, &mut |_| true)?;
+                samples += round;
+                bar.set_position(samples);
+            }
+            let whole = renderer.film()?;
+            error = half.and_then(|half| compare(&half, &whole).ok()).map(|comparison| comparison.rel_mse);
+            if let Some(error) = error {
+                bar.set_message(format!("{error:.2e}"));
+            }
+            if error.is_some_and(|error| error <= target) {
+                break;
+            }
+            (half, end) = (Some(whole), 2 * end);
+        }
+        Ok(error)
     }
 
     fn reference(&self) -> Result<()> {
@@ -382,6 +424,7 @@ impl Job<'_> {
             method: self.settings.method,
             size: [self.settings.width, self.settings.height],
             samples: 0,
+            estimated_error: None,
             seconds: Seconds::default(),
             passes: BTreeMap::new(),
             bytes: 0,
@@ -406,6 +449,7 @@ impl Job<'_> {
             return ProgressBar::hidden();
         }
         let (total, template) = match (self.settings.budget, self.settings.method) {
+            _ if self.settings.target_error.is_some() => (0, "{prefix}{pos} samples, {elapsed}, rel_mse {msg}"),
             (Some(seconds), _) => ((seconds * 1000.0) as u64, "{prefix}{bar:40} {msg}, {elapsed} of the budget"),
             (None, Method::Raster | Method::Twin | Method::RayQuery | Method::Path) => {
                 (total, "{prefix}{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
