@@ -502,7 +502,11 @@ impl Settings {
             ("--clamp-samples", lobes, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
-            ("--target-error", self.target_error.filter(|_| judge).map(|e| e.to_string()), "raster, twin, ray-query and path"),
+            (
+                "--target-error",
+                self.target_error.filter(|_| judge).map(|e| e.to_string()),
+                "raster, twin, ray-query and path",
+            ),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),

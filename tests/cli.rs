@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use lightsheaf::film::Film;
+use lightsheaf::metrics::compare;
 use serde_json::Value;
 
 mod common;
@@ -424,6 +425,31 @@ fn closing_line_and_warnings() {
         assert_eq!(stderr(&result).matches(what).count(), 1, "{}", stderr(&result));
     }
     assert!(stderr(&result).lines().all(|line| line.starts_with("warning: ")), "{}", stderr(&result));
+}
+
+/// Samples double until half of them agree with all; a budget ends that too.
+#[test]
+fn an_error_that_is_asked_for_is_reached() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("target-error");
+    let [out, json, truth] = ["out.exr", "out.json", "truth.exr"].map(|name| folder.path(name));
+    let render = |more: &[&str]| {
+        let scene = ["render", "builtin:cornell_point", "--size", "32x32", "-o", &out, "--stats", &json];
+        succeed(&[&scene[..], more].concat());
+        let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        (stats["samples"].as_u64().unwrap(), stats["estimated_error"].as_f64())
+    };
+    let [rough, fine] = ["0.02", "0.002"].map(|error| render(&["--target-error", error]));
+    assert!(rough.0 >= 16 && rough.0 < fine.0, "{rough:?} {fine:?}");
+    assert!(rough.1.unwrap() <= 0.02 && fine.1.unwrap() <= 0.002, "{rough:?} {fine:?}");
+    succeed(&["render", "builtin:cornell_point", "--size", "32x32", "-o", &truth, "--samples", "1024", "--seed", "7"]);
+    let error = compare(&Film::load(&out).unwrap(), &Film::load(&truth).unwrap()).unwrap().rel_mse;
+    assert!(error < 0.004, "{error} where 0.002 was asked for");
+    let (samples, _) = render(&["--target-error", "1e-8", "--budget", "0.5"]);
+    assert!(samples < 1 << 20);
+    assert_eq!(render(&["--samples", "2"]).1, None);
 }
 
 #[test]
