@@ -36,6 +36,16 @@ pub struct PlannedPass {
     pub reason: String,
 }
 
+impl PlannedPass {
+    /// Of any plan.
+    #[must_use]
+    pub fn tessellate(stats: &SceneStats) -> Self {
+        let runs = u32::from(stats.tessellated_triangles > 0);
+        let reason = if runs > 0 { "once a frame, before all else: finer meshes" } else { "no mesh is refined" };
+        Self { name: "tessellate", runs, reason: reason.to_owned() }
+    }
+}
+
 /// A connection of z_j with the light subpath's vertex s.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Connection {
@@ -237,8 +247,14 @@ impl FramePlan {
         let band = settings.band_pixels.unwrap_or(usual);
         plan.band_rows = (band / settings.width.max(1)).clamp(1, settings.height.max(1));
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
-        plan.passes = plan.explain(settings);
+        plan.passes = plan.explain(stats, settings);
         plan
+    }
+
+    /// Whether it asks for the same as another plan, if for other numbers of triangles.
+    #[must_use]
+    pub fn does_as(&self, other: &Self) -> bool {
+        *self == Self { bytes: self.bytes, ..other.clone() }
     }
 
     /// Texels along a side and faces of each view: the light, the VPLs, the bundles, then one for the pool of light points.
@@ -335,7 +351,7 @@ impl FramePlan {
 
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let triangles = stats.triangles as u64;
+        let triangles = stats.triangle_room() as u64;
         let pool = if self.has_pool() { 16 } else { 0 };
         let kept = pool + size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16;
         // The film, and the G-buffer with its depth.
@@ -358,8 +374,8 @@ impl FramePlan {
         image + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
     }
 
-    fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {
-        let mut out = Vec::new();
+    fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
+        let mut out = vec![PlannedPass::tessellate(stats)];
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let bands = self.bands(settings);
         // Of the pool's light points, whose view is filled again for each band.

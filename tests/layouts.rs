@@ -55,7 +55,7 @@ fn structs_agree_with_the_shaders() {
     for described in &all {
         let module = modules
             .entry(described.1)
-            .or_insert_with(|| parse(described.1, &["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS"]));
+            .or_insert_with(|| parse(described.1, &["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS", "WAVES"]));
         assert!(!described.3.is_empty());
         let differences = differences(described, module);
         assert!(differences.is_empty(), "{differences:#?}");

@@ -19,5 +19,6 @@ pub mod ray_queries;
 pub mod reservoirs;
 pub mod resolve;
 pub mod rsm;
+pub mod tessellate;
 pub mod view_lists;
 pub mod view_setup;

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use glam::Vec3;
 
-use super::{Bsdf, Geometry, Light, Material, Scene};
+use super::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scene};
 
 /// Counts and extremes, taken once.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -34,6 +34,10 @@ pub struct SceneStats {
     pub masked_triangles: usize,
     /// Texels of the images that materials use.
     pub texels: u64,
+    /// Triangles that tessellation made.
+    pub tessellated_triangles: usize,
+    /// Whether their number depends on the view.
+    pub triangles_vary: bool,
     /// Whether any vertex has a colour.
     pub vertex_colors: bool,
     /// Half the diagonal of the bounding box, metres.
@@ -85,11 +89,34 @@ impl SceneStats {
             } else {
                 scene.images.iter().map(|i| u64::from(i.width) * u64::from(i.height)).sum()
             },
+            tessellated_triangles: geometry.tessellated,
+            triangles_vary: triangles_vary(scene),
             vertex_colors: scene.meshes.iter().any(|m| !m.colors.is_empty()),
             radius,
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }
     }
+}
+
+impl SceneStats {
+    /// Triangles that there is room for.
+    #[must_use]
+    pub fn triangle_room(&self) -> usize {
+        if self.triangles_vary { with_room(self.triangles) } else { self.triangles }
+    }
+}
+
+/// Whether the number of triangles depends on the view.
+#[must_use]
+pub fn triangles_vary(scene: &Scene) -> bool {
+    scene.meshes.iter().filter_map(Mesh::refinement).any(|t| matches!(t.factor, EdgeFactor::Pixels(_)))
+}
+
+/// A number with room above it, in steps of an eighth to a quarter of it: the same for what differs little.
+#[must_use]
+pub fn with_room(count: usize) -> usize {
+    let step = (count.max(64).next_power_of_two() / 8).max(8);
+    (count / step + 1) * step
 }
 
 /// Whether a material shines.
