@@ -92,7 +92,7 @@ const SCENES: &[Entry] = &[
         analytic::single_triangle,
         analytic::single_triangle_answer,
     ),
-    plain("phong_sphere", "96 triangles, a coarse sphere and a tetrahedron rounded by Phong tessellation", refined::phong_sphere),
+    plain("phong_sphere", "sphere of 96 triangles as it is, and rounded by Phong tessellation", refined::phong_sphere),
     plain("sea", "sea with a jetty in sunlight, displaced by waves that move (--at, --frames)", refined::sea),
     plain("terrain", "hills in sunlight, displaced by noise, finer towards the camera", refined::terrain),
     Entry {

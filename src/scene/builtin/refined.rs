@@ -1,37 +1,35 @@
-//! Surfaces that are finer than their meshes: Phong tessellation of 96 triangles, a sea whose waves move, a terrain.
+//! Surfaces that are finer than their meshes: 96 triangles rounded by Phong tessellation, a sea whose waves move, a terrain.
 
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec3Swizzles as _};
 
 use super::{add, add_as_is, block, camera, hash, vec3};
-use crate::scene::shapes::{icosphere, room};
+use crate::scene::shapes::{icosphere, room, sphere};
 use crate::scene::{
     Bsdf, Displacement, EdgeFactor, Environment, Height, Light, Material, Mesh, Scene, Tessellation, Wave,
 };
 
-/// A room, a coarse sphere and a tetrahedron with a point light: 96 triangles, as many as figure 10 of Tokuyoshi and Ogaki (2012)
-/// has. Sphere and tetrahedron are rounded.
+/// A sphere of 96 triangles, as many as figure 10 of Tokuyoshi and Ogaki (2012) shows, as it is and rounded, in a room with a point
+/// light.
 pub(super) fn phong_sphere() -> Scene {
-    let colors = [("room", [0.7, 0.7, 0.68]), ("sphere", [0.75, 0.35, 0.2]), ("tetrahedron", [0.25, 0.45, 0.7])];
+    let colors = [("room", [0.7, 0.7, 0.68]), ("as it is", [0.3, 0.45, 0.65]), ("rounded", [0.75, 0.35, 0.2])];
     let mut scene = Scene {
         materials: colors.map(|(name, color)| Material::diffuse(name, Vec3::from(color))).to_vec(),
-        lights: vec![Light::Point { position: vec3(0.3, 0.8, 0.4), intensity: Vec3::splat(1.6) }],
-        cameras: vec![camera([0.0, -0.15, 0.98], [0.0, -0.4, -0.3], 75.0)],
+        lights: vec![Light::Point { position: vec3(0.1, 0.8, 0.5), intensity: Vec3::splat(1.6) }],
+        cameras: vec![camera([0.0, -0.1, 0.98], [0.0, -0.35, -0.3], 75.0)],
         ..Scene::default()
     };
-    let phong = || Tessellation { factor: EdgeFactor::Fixed(8), ..Tessellation::default() };
     add_as_is(&mut scene, 0, Mesh { name: "room".to_owned(), ..room(1.0) });
-    let mut sphere = icosphere(1);
-    sphere.positions.iter_mut().for_each(|p| *p = *p * 0.42 + vec3(-0.42, -0.55, -0.35));
-    phong().refine(&mut sphere);
-    add(&mut scene, "sphere", 1, sphere);
-    let corners = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
-    let mut tetrahedron = Mesh {
-        positions: corners.map(|c| Vec3::from(c) * 0.27 + vec3(0.45, -0.6, -0.1)).to_vec(),
-        triangles: vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]],
-        ..Mesh::default()
-    };
-    phong().refine(&mut tetrahedron);
-    add(&mut scene, "tetrahedron", 2, tetrahedron);
+    for (material, x) in [(1, -0.46), (2, 0.46)] {
+        let mut ball = sphere(8, 7);
+        // Poles up and down.
+        let turned = |v: Vec3| vec3(v.y.into(), v.z.into(), v.x.into());
+        ball.positions.iter_mut().for_each(|p| *p = turned(*p) * 0.4 + vec3(x, -0.5, -0.3));
+        ball.normals.iter_mut().for_each(|n| *n = turned(*n));
+        if material == 2 {
+            Tessellation { factor: EdgeFactor::Fixed(8), ..Tessellation::default() }.refine(&mut ball);
+        }
+        add_as_is(&mut scene, material, ball);
+    }
     scene
 }
 
