@@ -80,7 +80,8 @@ impl Room {
 
     /// Whether these have their place there, and do not leave most of it empty.
     fn holds(self, geometry: &Geometry) -> bool {
-        let holds = |room: usize, count: usize| if self.varies { (room / 4..=room).contains(&count) } else { room == count };
+        let holds =
+            |room: usize, count: usize| if self.varies { (room / 4..=room).contains(&count) } else { room == count };
         holds(self.vertices, geometry.vertices.len()) && holds(self.triangles, geometry.triangles.len())
     }
 }
@@ -271,7 +272,11 @@ impl GpuScene {
     /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). Acceleration structures stay what they
     /// were.
     pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
-        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles(geometry, self.room.triangles)));
+        gpu.queue.write_buffer(
+            &self.triangle_buffer,
+            0,
+            bytemuck::cast_slice(&triangles(geometry, self.room.triangles)),
+        );
         self.relight(gpu, lights);
         (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
     }

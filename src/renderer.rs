@@ -141,8 +141,7 @@ impl<'gpu> Renderer<'gpu> {
 
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
         let (geometry, sources) = Geometry::with_sources(scene);
-        let Prepared { geometry, camera, plan, mut lights } =
-            Prepared::new(gpu, scene, geometry, settings, forced)?;
+        let Prepared { geometry, camera, plan, mut lights } = Prepared::new(gpu, scene, geometry, settings, forced)?;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
         let mut posing = Posing::default();
         posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;

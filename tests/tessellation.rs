@@ -75,12 +75,12 @@ fn closed() -> Vec<(&'static str, Scene)> {
     ]
 }
 
-/// How many edges are not those of exactly two triangles that run along them in opposite directions; positions are the same to the bit.
-fn open_edges(triangles: &[[u32; 3]], position: impl Fn(u32) -> Vec3) -> usize {
+/// How many edges are not those of exactly two triangles that run along them in opposite directions; corners are the same to the bit.
+fn open_edges(triangles: &[[Vec3; 3]]) -> usize {
     let mut edges: HashMap<[[u32; 3]; 2], [u32; 2]> = HashMap::new();
     for triangle in triangles {
         for k in 0..3 {
-            let ends = [triangle[k], triangle[(k + 1) % 3]].map(|v| position(v).to_array().map(f32::to_bits));
+            let ends = [triangle[k], triangle[(k + 1) % 3]].map(|p| p.to_array().map(f32::to_bits));
             let forward = ends[0] < ends[1];
             let ends = if forward { ends } else { [ends[1], ends[0]] };
             edges.entry(ends).or_default()[usize::from(forward)] += 1;
@@ -103,6 +103,7 @@ fn on_device(gpu: &Gpu, scene: &Scene, pose: bool) -> (Geometry, Vec<Vec3>, Vec<
     } else {
         posing.refine(gpu, &device, scene, &geometry, &sources).unwrap();
     }
+    let geometry = Geometry::new(scene);
     let count = geometry.vertices.len();
     let positions: Vec<[f32; 4]> = read_back(gpu, &device.positions, count).unwrap();
     let attributes = read_back(gpu, &device.attributes, count).unwrap();
@@ -115,22 +116,19 @@ fn closed_meshes_stay_closed() {
     let gpu = gpu();
     for (name, scene) in closed() {
         let geometry = Geometry::new(&scene);
-        assert!(geometry.tessellated > 400 && geometry.tessellated == geometry.triangles.len(), "{name}");
-        assert_eq!(open_edges(&geometry.triangles, |v| geometry.vertices[v as usize].position), 0, "{name}");
+        assert!(geometry.tessellated > 250 && geometry.tessellated == geometry.triangles.len(), "{name}");
+        let mut triangles: Vec<_> = (0..geometry.triangles.len()).map(|t| geometry.positions(t)).collect();
+        assert_eq!(open_edges(&triangles), 0, "{name}");
         // Outside is outside: the volume is positive.
-        let volume: f32 = (0..geometry.triangles.len())
-            .map(|t| {
-                let [a, b, c] = geometry.positions(t);
-                a.dot(b.cross(c)) / 6.0
-            })
-            .sum();
+        let volume: f32 = triangles.iter().map(|[a, b, c]| a.dot(b.cross(*c)) / 6.0).sum();
         assert!(volume > 1.0, "{name}: {volume}");
         // A planted crack.
-        let moved = |v: u32| geometry.vertices[v as usize].position * if v == geometry.triangles[9][0] { 1.0001 } else { 1.0 };
-        assert!(open_edges(&geometry.triangles, moved) > 0, "{name}: a moved vertex was not noticed");
+        triangles[9][0] *= 1.000_001;
+        assert_eq!(open_edges(&triangles), 4, "{name}: a moved corner was not noticed");
         if let Some(gpu) = gpu {
             let (geometry, positions, _) = on_device(gpu, &scene, false);
-            assert_eq!(open_edges(&geometry.triangles, |v| positions[v as usize]), 0, "{name} on the device");
+            let triangles: Vec<_> = geometry.triangles.iter().map(|t| t.map(|v| positions[v as usize])).collect();
+            assert_eq!(open_edges(&triangles), 0, "{name} on the device");
         }
         println!("{name}: {} triangles", geometry.triangles.len());
     }
@@ -145,13 +143,13 @@ fn factors_of_all_kinds_make_flat_patches_that_cover_them() {
     positions.extend(rim.iter().enumerate().map(|(i, &r)| Vec2::from_angle(i as f32 * 0.785).extend(0.0) * r));
     let triangles: Vec<_> = (0..8).map(|i| [0, 1 + i, 1 + (i + 1) % 8]).collect();
     let mesh = Mesh { positions, triangles, ..Mesh::default() };
-    let area = |geometry: &Geometry| -> f32 {
+    let area = |geometry: &Geometry| -> f64 {
         (0..geometry.triangles.len())
             .map(|t| {
                 let [a, b, c] = geometry.positions(t);
                 let twice = (b - a).cross(c - a);
                 assert!(twice.z > 0.0, "turned over or without area: {twice}");
-                0.5 * twice.z
+                0.5 * f64::from(twice.z)
             })
             .sum()
     };
@@ -213,19 +211,24 @@ fn everything() -> Option<Vec<(String, Scene)>> {
     for seconds in [0.0, 1.37] {
         all.push((format!("sea at {seconds} s"), builtin::load("sea").unwrap().at(0, seconds).unwrap()));
     }
-    let mut colored = alone(sphere(8, 7), Tessellation { factor: EdgeFactor::Fixed(6), phong: 0.75, displacement: noise(0.1) });
+    let mut colored =
+        alone(sphere(8, 7), Tessellation { factor: EdgeFactor::Fixed(6), phong: 0.75, displacement: noise(0.1) });
     let mesh = &mut colored.meshes[0];
     mesh.colors = mesh.uvs[0].iter().map(|uv| uv.extend(0.5).extend(1.0)).collect();
     mesh.tangents = mesh.normals.iter().map(|n| n.any_orthonormal_vector().extend(-1.0)).collect();
     mesh.uvs[1] = mesh.uvs[0].iter().map(|uv| *uv * 3.0 + 0.5).collect();
-    let turned = Affine3A::from_scale_rotation_translation(Vec3::new(0.3, -0.4, 0.5), Quat::from_rotation_y(1.0), Vec3::X);
+    let turned =
+        Affine3A::from_scale_rotation_translation(Vec3::new(0.3, -0.4, 0.5), Quat::from_rotation_y(1.0), Vec3::X);
     colored.instances.push(Instance { mesh: 0, world_from_local: turned });
     all.push(("colours, tangents, two instances".to_owned(), colored));
     let path = shared()?.join("scenes/gltf/CesiumMan/glTF-Binary/CesiumMan.glb");
     let mut man = scene::load(path.to_str().unwrap()).unwrap();
     let rig = std::sync::Arc::make_mut(man.rig.as_mut().unwrap());
-    let displacement =
-        Displacement { height: Height::Noise { frequency: 9.0, octaves: 3, seed: 1, drift: Vec3::Y }, scale: 0.02, bias: 0.0 };
+    let displacement = Displacement {
+        height: Height::Noise { frequency: 9.0, octaves: 3, seed: 1, drift: Vec3::Y },
+        scale: 0.02,
+        bias: 0.0,
+    };
     let fine = Tessellation { factor: EdgeFactor::Fixed(2), phong: 0.75, displacement: Some(displacement) };
     fine.clone().refine(&mut rig.shapes[0].base);
     fine.refine(&mut man.meshes[0]);
@@ -247,15 +250,18 @@ fn the_compute_stage_is_the_cpu_s_twin() {
                 position.distance(vertex.position) / size,
                 Vec3::from(found.normal).distance(vertex.normal),
                 Vec4::from(found.tangent).distance(vertex.tangent),
-                (Vec4::from(found.uv) - uv).abs().max_element().max((color - vertex.color).abs().max_element() - 0.0021),
+                (Vec4::from(found.uv) - uv).abs().max_element().max((color - vertex.color).abs().max_element() - 0.004),
             ];
             for (worst, apart) in worst.iter_mut().zip(apart) {
                 // NaN is the worst.
                 *worst = if apart <= *worst { *worst } else { apart };
             }
         }
-        println!("{name}: {} vertices, {worst:.1e?}", positions.len());
-        assert!(worst[0] <= 8.0 * f32::EPSILON && worst[1] <= 2e-3 && worst[2] <= 2e-3 && worst[3] <= 1e-5, "{name}: {worst:?}");
+        println!("{name}: {} vertices, {worst:?}", positions.len());
+        assert!(
+            worst[0] <= 8.0 * f32::EPSILON && worst[1] <= 2e-3 && worst[2] <= 2e-3 && worst[3] <= 1e-5,
+            "{name}: {worst:?}"
+        );
     }
     // The planted error: a sea that is 10 ms late.
     let late = Geometry::new(&builtin::load("sea").unwrap().at(0, 1.38).unwrap());
@@ -308,7 +314,7 @@ fn matte(mut scene: Scene) -> Scene {
 fn all_methods_see_the_same_surface_and_it_is_the_baked_one() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let settings = Settings { width: 48, height: 36, bounces: 1, ..Settings::default() };
-    for (name, samples) in [("phong_sphere", 96), ("sea", 64), ("terrain", 64)] {
+    for (name, samples) in [("phong_sphere", 256), ("sea", 64), ("terrain", 64)] {
         let scene = matte(builtin::load(name).unwrap().at(0, 0.7).unwrap());
         let scene = Scene { viewpoint: Some(Viewpoint { camera: 0, size: [48, 36] }), ..scene };
         let of = |scene: &Scene, method| {
@@ -389,6 +395,71 @@ fn factors_follow_the_camera_from_frame_to_frame() {
     }
 }
 
+/// What a frame of a displaced mesh that moves costs over one of the same mesh at rest. Asked for alone, since other work on the machine
+/// is in it.
+#[test]
+#[ignore = "a matter of the clock"]
+fn frames_that_move_cost_little_more() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let n = 50;
+    let corner = |i: u32| Vec2::new((i % (n + 1)) as f32, (i / (n + 1)) as f32) / n as f32 * 4.0 - 2.0;
+    let square = |i: u32| {
+        let a = i / n * (n + 1) + i % n;
+        [[a, a + n + 2, a + 1], [a, a + n + 1, a + n + 2]]
+    };
+    let mesh = Mesh {
+        positions: (0..(n + 1) * (n + 1)).map(|i| Vec3::new(corner(i).x, -0.7, corner(i).y)).collect(),
+        triangles: (0..n * n).flat_map(square).collect(),
+        ..Mesh::default()
+    };
+    let fine = Tessellation { factor: EdgeFactor::Fixed(10), phong: 0.75, displacement: waves(1.0) };
+    let scene = alone(mesh, fine);
+    let pose = |frame: u32| {
+        let mut posed = scene.at(0, frame as f32 / 30.0).unwrap();
+        posed.instances[0].world_from_local = Affine3A::from_rotation_y(0.02 * frame as f32);
+        posed
+    };
+    let plain = baked(&pose(0));
+    assert_eq!(Geometry::new(&plain).triangles.len(), 500_000);
+    let settings = Settings { width: 256, height: 256, bounces: 2, ..Settings::default() };
+    for (method, samples) in [(Method::Raster, 16), (Method::Raster, 8), (Method::Raster, 1), (Method::Path, 1)] {
+        let settings = Settings { method, ..settings.clone() };
+        macro_rules! race {
+            ($renderer:ident) => {{
+                let mut moving = $renderer::new(gpu, &pose(0), &settings).unwrap();
+                let mut still = $renderer::new(gpu, &plain, &settings).unwrap();
+                let mut times = [Vec::new(), Vec::new(), Vec::new()];
+                for frame in 0..8 {
+                    let began = std::time::Instant::now();
+                    moving.pose(&pose(frame)).unwrap();
+                    let posed = began.elapsed().as_secs_f64();
+                    picture(&mut moving, samples);
+                    let moved = began.elapsed().as_secs_f64();
+                    let began = std::time::Instant::now();
+                    still.restart(frame);
+                    picture(&mut still, samples);
+                    let stood = began.elapsed().as_secs_f64();
+                    // The first frame builds pipelines and finds out how much room lists need.
+                    if frame > 0 {
+                        times.iter_mut().zip([posed, moved, stood]).for_each(|(all, time)| all.push(time));
+                    }
+                }
+                times.map(|mut all| {
+                    all.sort_by(f64::total_cmp);
+                    1e3 * all[all.len() / 2]
+                })
+            }};
+        }
+        let [posed, moving, still] = if method.shares_subpaths() { race!(Renderer) } else { race!(PathRenderer) };
+        println!(
+            "{method}, {samples} samples: {moving:.0} ms a frame that moves ({posed:.0} ms until it is recorded), {still:.0} ms one that \
+             stands still: {:.2} times",
+            moving / still
+        );
+        assert!(method != Method::Raster || samples < 8 || moving < 1.1 * still, "{moving} {still}");
+    }
+}
+
 // --- Files ---
 
 fn folder() -> PathBuf {
@@ -455,7 +526,9 @@ fn gltf_extras_say_how_meshes_are_refined() {
     let noisy = said(r#"{ "edges": 2, "displacement": { "noise": { "frequency": 2 }, "scale": 1 } }"#).unwrap();
     let wavy = said(r#"{ "edges": 2, "displacement": { "waves": [{ "direction": [2, 0, 0], "length": 4, "amplitude": 1, "speed": 2 }] } }"#).unwrap();
     assert!(!noisy.moves() && wavy.moves());
-    let Some(Displacement { height: Height::Waves(waves), scale, .. }) = of(&wavy).unwrap().displacement else { panic!() };
+    let Some(Displacement { height: Height::Waves(waves), scale, .. }) = of(&wavy).unwrap().displacement else {
+        panic!()
+    };
     assert_eq!((waves[0].cycles, waves[0].hertz, scale), (Vec3::X * 0.25, 0.5, 1.0));
     for (extras, cause) in [
         (r#"{ }"#, "needs either `edges`"),
@@ -472,9 +545,15 @@ fn gltf_extras_say_how_meshes_are_refined() {
         (r#"{ "edges": 2, "displacement": { "noise": { "frequency": 0 }, "scale": 1 } }"#, "above 0"),
         (r#"{ "edges": 2, "displacement": { "noise": { "frequency": 1, "octaves": 17 }, "scale": 1 } }"#, "1 to 16"),
         (r#"{ "edges": 2, "displacement": { "waves": [] } }"#, "1 to 64"),
-        (r#"{ "edges": 2, "displacement": { "waves": [{ "direction": [1, 0, 0], "length": 0, "amplitude": 1 }] } }"#, "wave 0"),
+        (
+            r#"{ "edges": 2, "displacement": { "waves": [{ "direction": [1, 0, 0], "length": 0, "amplitude": 1 }] } }"#,
+            "wave 0",
+        ),
         (r#"{ "edges": 2, "displacement": { "texture": { "index": 3 }, "scale": 1 } }"#, "textures[3]"),
-        (r#"{ "edges": 2, "displacement": { "texture": { "index": 0, "texCoord": 1 }, "scale": 1 } }"#, "no TEXCOORD_1"),
+        (
+            r#"{ "edges": 2, "displacement": { "texture": { "index": 0, "texCoord": 1 }, "scale": 1 } }"#,
+            "no TEXCOORD_1",
+        ),
         (r#"{ "edges": 2, "displacement": { "texture": { "index": 0, "texCoord": 2 }, "scale": 1 } }"#, "texCoord 2"),
         (r#"{ "edges": 2, "displacement": { "texture": { "index": 0 }, "scale": 1e39 } }"#, "lightsheaf_tessellation"),
     ] {
@@ -512,7 +591,12 @@ fn mitsuba_names_say_how_shapes_are_refined() {
         (format!(r#"{pixels}{noise}<string name="displacement_waves" value="1 0 0 1 1"/>"#), "more than one"),
         (format!(r#"{pixels}<string name="displacement_waves" value="1 0 0 1"/>"#), "five or six numbers, not 4"),
         (format!(r#"{pixels}<texture name="displacement" type="checkerboard"/>"#), "type `bitmap`"),
-        (format!(r#"{pixels}{noise}<float name="displacement_scale" value="1"/><integer name="displacement_octaves" value="0"/>"#), "1 to 16"),
+        (
+            format!(
+                r#"{pixels}{noise}<float name="displacement_scale" value="1"/><integer name="displacement_octaves" value="0"/>"#
+            ),
+            "1 to 16",
+        ),
     ] {
         let error = mitsuba("wrong", &parameters).expect_err(&parameters);
         assert!(error.contains(cause) && error.contains("line 1"), "{parameters}: {error}");

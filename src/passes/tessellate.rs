@@ -262,7 +262,8 @@ impl Tessellate {
         put(gpu, &mut self.blends, "blends", &refined.blends.iter().map(blend).collect::<Vec<_>>());
         if let Some((starts, list)) = &mut self.rings {
             let surfaces = surfaces(refined);
-            let is_displaced: Vec<_> = surfaces.iter().zip(&constants.refinements).map(|(&i, r)| (i, r.kind != 0)).collect();
+            let is_displaced: Vec<_> =
+                surfaces.iter().zip(&constants.refinements).map(|(&i, r)| (i, r.kind != 0)).collect();
             let displaced = |control: usize| {
                 let instance = refined.controls[control].instance;
                 is_displaced.binary_search_by_key(&instance, |&(i, _)| i).is_ok_and(|at| is_displaced[at].1)

@@ -1,6 +1,7 @@
 //! The scene as one list of world-space triangles, in the order of instances and their meshes' triangles, those of refined meshes last.
 
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
+use rayon::prelude::*;
 
 use super::refine::{self, Refined};
 use super::{Mesh, Scene};
@@ -119,7 +120,8 @@ impl Geometry {
         Self::flatten(scene, None)
     }
 
-    /// The same, with the origin of each vertex.
+    /// The same, with the origin of each vertex, for the device, which finds the normals of displaced surfaces: here these have those of
+    /// the surface before.
     #[must_use]
     pub fn with_sources(scene: &Scene) -> (Self, Sources) {
         let mut sources = Sources::default();
@@ -135,14 +137,18 @@ impl Geometry {
             out.add(scene, instance, sources.as_mut().map(|sources| &mut sources.origins));
         }
         if !refined.is_empty() {
-            let refined = refine::add(&mut out, scene, &refined);
+            let refined = refine::add(&mut out, scene, &refined, sources.is_none());
             out.tessellated = out.triangles.len() - refined.first_triangle as usize;
-            sources.into_iter().for_each(|sources| sources.refined = refined.clone());
+            if let Some(sources) = sources {
+                sources.refined = refined;
+            }
         }
-        let used = || out.triangles.iter().flatten().map(|&i| out.vertices[i as usize].position);
-        if let Some(first) = used().next() {
-            out.bounds = used().fold([first; 2], |[low, high], p| [low.min(p), high.max(p)]);
-        }
+        let corners = |t: &[u32; 3]| t.map(|i| out.vertices[i as usize].position);
+        let bounds = out.triangles.par_iter().map(|t| {
+            let [a, b, c] = corners(t);
+            [a.min(b).min(c), a.max(b).max(c)]
+        });
+        out.bounds = bounds.reduce_with(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default();
         out
     }
 

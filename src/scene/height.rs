@@ -183,9 +183,7 @@ impl Height {
             Self::Map { drift, .. } if !drift.is_finite() => {
                 Err(format!("the drift {drift} of the height map has to be two finite numbers"))
             }
-            Self::Noise { frequency, drift, .. }
-                if !drift.is_finite() || !(*frequency > 0.0 && *frequency <= 1e6) =>
-            {
+            Self::Noise { frequency, drift, .. } if !(drift.is_finite() && *frequency > 0.0 && *frequency <= 1e6) => {
                 Err(format!(
                     "noise of {frequency} cells a metre that moves by {drift}: the first has to be above 0 and at most 1000000, the \
                      second finite"
@@ -239,9 +237,9 @@ impl Height {
                 seed: *seed,
                 drift: *drift * seconds * *frequency,
             },
-            Self::Waves(waves) => Self::Waves(
-                waves.iter().map(|w| Wave { phase: w.phase - turned(w.hertz), hertz: 0.0, ..*w }).collect(),
-            ),
+            Self::Waves(waves) => {
+                Self::Waves(waves.iter().map(|w| Wave { phase: w.phase - turned(w.hertz), hertz: 0.0, ..*w }).collect())
+            }
         }
     }
 
@@ -250,7 +248,9 @@ impl Height {
     pub fn height(&self, maps: &[HeightMap], rest: Vec3, uvs: [Vec2; 2]) -> f32 {
         match self {
             Self::Map { map, uv_set, drift } => maps[*map].at(uvs[*uv_set as usize & 1] - *drift),
-            Self::Noise { frequency, octaves: count, seed, drift } => octaves(rest * *frequency - *drift, *count, *seed),
+            Self::Noise { frequency, octaves: count, seed, drift } => {
+                octaves(rest * *frequency - *drift, *count, *seed)
+            }
             Self::Waves(waves) => {
                 let mut sum = 0.0;
                 for w in waves {
@@ -292,7 +292,8 @@ mod tests {
 
     #[test]
     fn maps_are_bilinear_and_wrapped() {
-        let map = |wrap| HeightMap { name: String::new(), width: 2, height: 1, texels: vec![0.0, 1.0], wrap: [wrap; 2] };
+        let map =
+            |wrap| HeightMap { name: String::new(), width: 2, height: 1, texels: vec![0.0, 1.0], wrap: [wrap; 2] };
         for (wrap, at) in [(Wrap::Clamp, [0.0, 1.0]), (Wrap::Repeat, [0.5, 0.5]), (Wrap::Mirror, [0.0, 1.0])] {
             let map = map(wrap);
             assert_eq!([0.0, 1.0].map(|u| map.at(Vec2::new(u, 0.3))), at, "{wrap:?}");

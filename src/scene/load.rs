@@ -237,7 +237,12 @@ pub(super) fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String
         refined += refine::triangles(mesh);
         if refined > refine::MAX_TRIANGLES && mesh.refinement().is_some() {
             let most = refine::MAX_TRIANGLES;
-            return Err((i, format!("tessellation would make {refined} triangles of the scene, more than {most}: lower the factors")));
+            return Err((
+                i,
+                format!(
+                    "tessellation would make {refined} triangles of the scene, more than {most}: lower the factors"
+                ),
+            ));
         }
         if triangles > MAX_TRIANGLES {
             return Err((i, format!("the scene has more than {MAX_TRIANGLES} triangles")));

@@ -10,8 +10,9 @@
 //! order of operations.
 
 use std::collections::HashMap;
+use std::ops::{Add, Mul};
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::geometry::{Geometry, Placed, Vertex};
@@ -206,8 +207,7 @@ impl Grid<'_> {
     /// Cuts a triangle into a grid of as many parts as its finest edge has.
     fn patch(&mut self, corners: [u32; 3], factors: [u32; 3]) {
         let n = factors.into_iter().max().unwrap_or(1);
-        let edges: [(u32, i32); 3] =
-            std::array::from_fn(|k| self.edge(corners[k], corners[(k + 1) % 3], factors[k]));
+        let edges: [(u32, i32); 3] = std::array::from_fn(|k| self.edge(corners[k], corners[(k + 1) % 3], factors[k]));
         let first = self.first;
         let corner = |k: usize| first + corners[k % 3];
         // Vertex i of n on an edge moves to a part of the edge, towards its beginning where two are as near. As every corner is one
@@ -259,8 +259,8 @@ fn add_triangle(triangles: &mut Vec<[u32; 3]>, first_vertex: u32, [a, b, c]: [u3
     }
 }
 
-/// Adds the finer surfaces of some of a scene's instances to its geometry.
-pub(super) fn add(geometry: &mut Geometry, scene: &Scene, instances: &[usize]) -> Refined {
+/// Adds the finer surfaces of some of a scene's instances to its geometry; `normals` says whether displaced ones get their own.
+pub(super) fn add(geometry: &mut Geometry, scene: &Scene, instances: &[usize], normals: bool) -> Refined {
     let mut refined = Refined {
         first_vertex: geometry.vertices.len() as u32,
         first_triangle: geometry.triangles.len() as u32,
@@ -295,35 +295,36 @@ pub(super) fn add(geometry: &mut Geometry, scene: &Scene, instances: &[usize]) -
             grid.patch(corners, factors);
         }
         geometry.materials.resize(geometry.triangles.len(), surface.placed.mesh.material as u32);
-        place(geometry, &refined, surface, scene, [first_control as usize, first as usize, first_triangle]);
+        let first_vertex = geometry.vertices.len();
+        place(geometry, &refined, surface, scene, [first_control as usize, first as usize]);
+        if normals && surface.tessellation.displacement.is_some() {
+            turn(geometry, &refined.welds[first as usize..], first, first_vertex, first_triangle);
+        }
     }
     refined
 }
 
-/// Puts the new vertices of a surface where they belong. Its control vertices, blends and triangles begin at these indices.
-fn place(geometry: &mut Geometry, refined: &Refined, surface: &Surface, scene: &Scene, begins: [usize; 3]) {
-    let [control, blend, triangle] = begins;
+/// Puts the new vertices of a surface where they belong. Its control vertices and blends begin at these indices.
+fn place(geometry: &mut Geometry, refined: &Refined, surface: &Surface, scene: &Scene, [control, first]: [usize; 2]) {
     let shape = surface.tessellation.phong;
     let displacement = surface.tessellation.displacement.as_ref().map(|d| d.at(scene.seconds));
     let of = |b: &Blend| {
         let controls = |corners: [u32; 3]| corners.map(|c| &surface.controls[c as usize - control]);
         b.vertex(controls(b.corners), controls(b.heights), shape, displacement.as_ref(), &scene.height_maps)
     };
-    let first = geometry.vertices.len();
-    geometry.vertices.par_extend(refined.blends[blend..].par_iter().map(of));
-    if displacement.is_none() {
-        return;
-    }
-    // Normals of the triangles around each place, by area.
-    let welds = &refined.welds[blend..];
+    geometry.vertices.par_extend(refined.blends[first..].par_iter().map(of));
+}
+
+/// Gives the vertices of a displaced surface the normals of the triangles around their place, by area. Its places count from `first`.
+fn turn(geometry: &mut Geometry, welds: &[u32], first: u32, first_vertex: usize, first_triangle: usize) {
     let mut normals = vec![Vec3::ZERO; welds.len()];
-    for triangle in &geometry.triangles[triangle..] {
+    for triangle in &geometry.triangles[first_triangle..] {
         let [a, b, c] = triangle.map(|v| geometry.vertices[v as usize].position);
         let normal = (b - a).cross(c - a);
-        triangle.iter().for_each(|&v| normals[welds[v as usize - first] as usize - blend] += normal);
+        triangle.iter().for_each(|&v| normals[(welds[v as usize - first_vertex] - first) as usize] += normal);
     }
-    geometry.vertices[first..].par_iter_mut().zip(welds).for_each(|(vertex, &weld)| {
-        let normal = normals[weld as usize - blend].normalize_or_zero();
+    geometry.vertices[first_vertex..].par_iter_mut().zip(welds).for_each(|(vertex, &weld)| {
+        let normal = normals[(weld - first) as usize].normalize_or_zero();
         if normal != Vec3::ZERO {
             vertex.normal = normal;
         }
@@ -355,37 +356,34 @@ impl Blend {
         displacement: Option<&Displacement>,
         maps: &[HeightMap],
     ) -> Vertex {
-        let weights = [1.0 - self.y - self.z, self.y, self.z];
-        let blend3 = |of: &dyn Fn(usize) -> Vec3| weights[0] * of(0) + weights[1] * of(1) + weights[2] * of(2);
-        let blend4 = |of: &dyn Fn(usize) -> Vec4| weights[0] * of(0) + weights[1] * of(1) + weights[2] * of(2);
+        let [a, b, c] = corners;
+        let w = [1.0 - self.y - self.z, self.y, self.z];
         // The flat point, and its projections onto the planes through the corners, (2) and (3) of the paper.
-        let flat = blend3(&|k| corners[k].place);
-        let projected = |k: usize| {
-            let Control { place, direction, .. } = corners[k];
-            flat - (flat - *place).dot(*direction) * *direction
-        };
-        let mut position = flat + shape * (blend3(&projected) - flat);
+        let flat = blend(w, a.place, b.place, c.place);
+        let projected = |onto: &Control| flat - (flat - onto.place).dot(onto.direction) * onto.direction;
+        let round = blend(w, projected(a), projected(b), projected(c));
+        let mut position = flat + shape * (round - flat);
         if let Some(Displacement { height, scale, bias }) = displacement {
-            let direction = blend3(&|k| corners[k].direction).normalize_or_zero();
-            let rest = blend3(&|k| corners[k].rest);
-            let uv = |set: usize| -> Vec2 {
-                let of = |k: usize| heights[k].vertex.uvs[set];
-                weights[0] * of(0) + weights[1] * of(1) + weights[2] * of(2)
-            };
-            position += (scale * height.height(maps, rest, [uv(0), uv(1)]) + bias) * direction;
+            let direction = blend(w, a.direction, b.direction, c.direction).normalize_or_zero();
+            let [d, e, f] = heights.map(|control| control.vertex.uvs);
+            let uvs = [blend(w, d[0], e[0], f[0]), blend(w, d[1], e[1], f[1])];
+            let height = height.height(maps, blend(w, a.rest, b.rest, c.rest), uvs);
+            position += (scale * height + bias) * direction;
         }
-        let normal = blend3(&|k| corners[k].vertex.normal).normalize_or_zero();
-        let tangent = blend3(&|k| corners[k].vertex.tangent.truncate()).extend(corners[0].vertex.tangent.w);
-        let uv = |set: usize| {
-            let of = |k: usize| corners[k].vertex.uvs[set];
-            weights[0] * of(0) + weights[1] * of(1) + weights[2] * of(2)
-        };
+        let [a, b, c] = [a.vertex, b.vertex, c.vertex];
+        let normal = blend(w, a.normal, b.normal, c.normal).normalize_or_zero();
+        let tangent = blend(w, a.tangent.truncate(), b.tangent.truncate(), c.tangent.truncate());
         Vertex {
             position,
             normal,
-            tangent: across(tangent, normal),
-            uvs: [uv(0), uv(1)],
-            color: blend4(&|k| corners[k].vertex.color),
+            tangent: across(tangent.extend(a.tangent.w), normal),
+            uvs: [blend(w, a.uvs[0], b.uvs[0], c.uvs[0]), blend(w, a.uvs[1], b.uvs[1], c.uvs[1])],
+            color: blend(w, a.color, b.color, c.color),
         }
     }
+}
+
+/// A weighted sum.
+fn blend<T: Mul<f32, Output = T> + Add<Output = T>>(weights: [f32; 3], a: T, b: T, c: T) -> T {
+    a * weights[0] + b * weights[1] + c * weights[2]
 }

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scene};
 
@@ -55,12 +56,14 @@ impl SceneStats {
             geometry.materials.iter().filter(|&&m| of[m as usize]).count()
         };
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
-        let sizes: f64 = (0..geometry.triangles.len())
-            .map(|i| {
-                let [a, b, c] = geometry.positions(i);
-                f64::from((0.5 * (b - a).cross(c - a).length()).sqrt())
-            })
-            .sum();
+        let size = |i: usize| {
+            let [a, b, c] = geometry.positions(i);
+            f64::from((0.5 * (b - a).cross(c - a).length()).sqrt())
+        };
+        // In parts, so that the sum is the same on any number of threads.
+        let parts: Vec<usize> = (0..geometry.triangles.len()).step_by(1 << 14).collect();
+        let part = |&first: &usize| (first..geometry.triangles.len().min(first + (1 << 14))).map(size).sum::<f64>();
+        let sizes: f64 = parts.par_iter().map(part).collect::<Vec<_>>().iter().sum();
         let shines: Vec<bool> = scene.materials.iter().map(shining).collect();
         let shining_triangles = (0..geometry.triangles.len()).filter(|&i| shines[geometry.materials[i] as usize]);
         let middles = shining_triangles.map(|i| geometry.positions(i).iter().sum::<Vec3>() / 3.0);

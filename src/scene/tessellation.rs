@@ -93,7 +93,9 @@ impl Tessellation {
         }
         let Some(Displacement { height, scale, bias }) = &self.displacement else { return Ok(()) };
         if !scale.is_finite() || !bias.is_finite() {
-            return Err(format!("the displacement's scale {scale} and bias {bias} have to be finite numbers of metres"));
+            return Err(format!(
+                "the displacement's scale {scale} and bias {bias} have to be finite numbers of metres"
+            ));
         }
         height.check()
     }

@@ -104,7 +104,9 @@ pub(super) fn sea() -> Scene {
     add_as_is(&mut scene, 0, Mesh { name: "water".to_owned(), ..water });
     let deck = [[1.6, 4.0], [3.2, 4.0], [3.2, -6.0], [1.6, -6.0]];
     add(&mut scene, "deck", 1, block(deck, 0.95, 1.1, true));
-    for (i, (x, z)) in [(1.7, 3.6), (3.0, 3.6), (1.7, -1.0), (3.0, -1.0), (1.7, -5.6), (3.0, -5.6)].into_iter().enumerate() {
+    for (i, (x, z)) in
+        [(1.7, 3.6), (3.0, 3.6), (1.7, -1.0), (3.0, -1.0), (1.7, -5.6), (3.0, -5.6)].into_iter().enumerate()
+    {
         let post = [[x, z + 0.2], [x + 0.2, z + 0.2], [x + 0.2, z], [x, z]];
         add(&mut scene, &format!("post {i}"), 1, block(post, -1.0, 1.5, false));
     }

@@ -71,7 +71,8 @@ struct ParsedWave {
 }
 
 /// What can be said, for messages.
-const KNOWN: &str = "it takes `edges` or `pixels`, `phong` and `displacement` (`texture`, `noise` or `waves`, `scale`, `bias`)";
+const KNOWN: &str =
+    "it takes `edges` or `pixels`, `phong` and `displacement` (`texture`, `noise` or `waves`, `scale`, `bias`)";
 
 impl Loader<'_> {
     /// How a primitive is refined: as it says itself, or as its mesh does.
@@ -88,12 +89,15 @@ impl Loader<'_> {
         let Some(said) = said(&primitive.extras).or_else(|| said(&mesh.extras)) else { return Ok(None) };
         let place = format!("{place}: lightsheaf_tessellation");
         let file = self.file;
-        let parsed: Parsed =
-            serde_json::from_value(said).map_err(|e| file.error(&place, format!("{e}; {KNOWN}")))?;
+        let parsed: Parsed = serde_json::from_value(said).map_err(|e| file.error(&place, format!("{e}; {KNOWN}")))?;
         let factor = match (parsed.edges, parsed.pixels) {
             (Some(parts), None) => EdgeFactor::Fixed(parts),
             (None, Some(pixels)) => EdgeFactor::Pixels(pixels),
-            _ => return Err(file.error(place, "needs either `edges`, into how many parts edges are cut, or `pixels` of a part")),
+            _ => {
+                return Err(
+                    file.error(place, "needs either `edges`, into how many parts edges are cut, or `pixels` of a part")
+                );
+            }
         };
         let displacement = parsed.displacement.map(|d| self.displacement(d, &place)).transpose()?;
         let tessellation = Tessellation { factor, phong: parsed.phong.unwrap_or(PHONG), displacement };

@@ -55,9 +55,9 @@ impl<'a> Loader<'a> {
                     drift,
                 }
             }
-            [None, None, Some(waves)] => {
-                Height::Waves(plugin.string("displacement_waves")?.map_or(Ok(Vec::new()), |text| parse_waves(waves, text))?)
-            }
+            [None, None, Some(waves)] => Height::Waves(
+                plugin.string("displacement_waves")?.map_or(Ok(Vec::new()), |text| parse_waves(waves, text))?,
+            ),
             _ => {
                 let cause = "has more than one of `displacement`, `displacement_noise` and `displacement_waves`";
                 return Err(element.error(format!("{} {cause}", element.title())));
@@ -94,7 +94,8 @@ impl<'a> Loader<'a> {
 
 /// Waves with semicolons between them: direction x y z, length, amplitude and, if there is a sixth number, phase.
 fn parse_waves(element: &Element, text: &str) -> Result<Vec<Wave>, LoadError> {
-    let wave = |text: &str| match numbers(element, text)?.iter().map(|&v| v as f32).collect::<Vec<_>>()[..] {
+    let wave = |text: &str| {
+        match numbers(element, text)?.iter().map(|&v| v as f32).collect::<Vec<_>>()[..] {
         [x, y, z, length, amplitude] => Ok(Wave::on_water(Vec3::new(x, y, z), length, amplitude)),
         [x, y, z, length, amplitude, phase] => {
             Ok(Wave { phase, ..Wave::on_water(Vec3::new(x, y, z), length, amplitude) })
@@ -103,6 +104,7 @@ fn parse_waves(element: &Element, text: &str) -> Result<Vec<Wave>, LoadError> {
             "a wave is x y z length amplitude and, if it begins elsewhere, phase, which are five or six numbers, not {}",
             v.len()
         ))),
+    }
     };
     text.split(';').filter(|wave| !wave.trim().is_empty()).map(wave).collect()
 }
