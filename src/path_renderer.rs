@@ -147,7 +147,7 @@ impl<'gpu> PathRenderer<'gpu> {
                     .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
             },
             gpu,
-            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
             scene: gpu_scene,
             settings: settings.clone(),
             constants,
@@ -180,7 +180,7 @@ impl<'gpu> PathRenderer<'gpu> {
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
         self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
         self.constants = constants;
-        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         self.count_only(self.settings.only);
         Ok(self.gpu.check()?)
     }

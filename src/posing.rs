@@ -35,6 +35,13 @@ impl Posing {
         self.run(gpu, gpu_scene, scene, geometry, &Sources { refined: sources.refined.clone(), origins: Vec::new() })
     }
 
+    /// Bytes of what refines; the scene's, as those of its vertices are.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let Some(tessellate) = &self.tessellate else { return 0 };
+        tessellate.bytes() + self.rest.as_ref().map_or(0, Rest::bytes)
+    }
+
     /// Puts all vertices where a pose of the scene has them; its geometry has as many of those that are not refined as ever.
     ///
     /// # Errors

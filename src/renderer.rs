@@ -159,7 +159,7 @@ impl<'gpu> Renderer<'gpu> {
         gpu.check()?;
         Ok(Self {
             gpu,
-            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
             scene: gpu_scene,
             lights,
             camera,
@@ -198,7 +198,7 @@ impl<'gpu> Renderer<'gpu> {
             self.scene.relight(self.gpu, &lights);
         }
         (self.camera, self.lights) = (camera, lights);
-        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         self.restart(self.settings.seed);
         Ok(self.gpu.check()?)
     }

@@ -168,6 +168,13 @@ impl Rest {
         }
     }
 
+    /// Bytes of its buffers.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let pairs = self.skins.iter().chain(&self.morphs).map(|(a, b)| a.size() + b.size());
+        self.vertices.size() + self.posed_instances.size() + pairs.sum::<u64>()
+    }
+
     /// The bindings of shaders/lib/pose.wesl.
     #[must_use]
     pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
