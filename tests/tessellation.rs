@@ -317,7 +317,7 @@ fn all_methods_see_the_same_surface_and_it_is_the_baked_one() {
     for (name, samples) in [("phong_sphere", 256), ("sea", 64), ("terrain", 64)] {
         let scene = matte(builtin::load(name).unwrap().at(0, 0.7).unwrap());
         let scene = Scene { viewpoint: Some(Viewpoint { camera: 0, size: [48, 36] }), ..scene };
-        let of = |scene: &Scene, method| {
+        let of = |scene: &Scene, method, samples| {
             let settings = Settings { method, ..settings.clone() };
             if method.shares_subpaths() {
                 picture(&mut Renderer::new(gpu, scene, &settings).unwrap(), samples)
@@ -325,25 +325,26 @@ fn all_methods_see_the_same_surface_and_it_is_the_baked_one() {
                 picture(&mut PathRenderer::new(gpu, scene, &settings).unwrap(), samples)
             }
         };
-        let raster = of(&scene, Method::Raster);
+        let mut renderer = Renderer::new(gpu, &scene, &settings).unwrap();
+        let raster = picture(&mut renderer, 16);
         let plain = baked(&scene);
         assert!(plain.meshes.iter().all(|m| m.refinement().is_none()));
-        let to_baked = compare(&raster, &of(&plain, Method::Raster)).unwrap();
-        let to_twin = compare(&raster, &of(&scene, Method::Twin)).unwrap();
+        let to_baked = compare(&raster, &of(&plain, Method::Raster, 16)).unwrap();
+        let to_twin = compare(&raster, &of(&scene, Method::Twin, 16)).unwrap();
         let truth = reference(&scene, &settings, 256, 1);
-        let to_truth = compare(&raster, &truth).unwrap();
-        let path = compare(&of(&scene, Method::Path), &truth).unwrap();
+        let to_truth = compare(&picture(&mut renderer, samples - 16), &truth).unwrap();
+        let path = compare(&of(&scene, Method::Path, 32), &truth).unwrap();
         println!("{name}: baked {to_baked:?}\n twin {to_twin:?}\n reference {to_truth:?}\n path {path:?}");
         // Coordinates differ in their last bits, by which a bundle's grid shifts.
         assert!(to_baked.rel_mse < 1e-3 && to_baked.mean_bias.abs() < 2e-3, "{name}: {to_baked:?}");
         assert!(to_twin.rel_mse < 1e-4 && to_twin.mean_bias.abs() < 1e-3, "{name}: {to_twin:?}");
         assert!(to_truth.mean_bias.abs() < 0.01 && to_truth.rel_mse < 0.01, "{name}: {to_truth:?}");
-        assert!(path.mean_bias.abs() < 0.01, "{name}: {path:?}");
+        assert!(path.mean_bias.abs() < 0.02, "{name}: {path:?}");
         // The planted error: the meshes as they are.
         let mut coarse = scene.clone();
         coarse.meshes.iter_mut().for_each(|m| m.tessellation = None);
-        let coarse = compare(&of(&coarse, Method::Raster), &truth).unwrap();
-        assert!(coarse.rel_mse > 3.0 * to_truth.rel_mse.max(to_baked.rel_mse), "{name}: {coarse:?}");
+        let coarse = compare(&raster, &of(&coarse, Method::Raster, 16)).unwrap();
+        assert!(coarse.rel_mse > 10.0 * to_baked.rel_mse.max(to_twin.rel_mse), "{name}: {coarse:?}");
     }
 }
 

@@ -213,14 +213,8 @@ impl Tessellate {
     /// Bytes of its buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let always = [
-            &self.control_origins,
-            &self.members,
-            &self.controls,
-            &self.refinements,
-            &self.new_vertices,
-            &self.blends,
-        ];
+        let always =
+            [&self.control_origins, &self.members, &self.controls, &self.refinements, &self.new_vertices, &self.blends];
         let rings = self.rings.iter().flat_map(|(starts, list)| [starts, list]);
         always.into_iter().chain(&self.waves).chain(&self.heights).chain(rings).map(wgpu::Buffer::size).sum()
     }
