@@ -557,6 +557,7 @@ fn gltf_extras_say_how_meshes_are_refined() {
         ),
         (r#"{ "edges": 2, "displacement": { "texture": { "index": 0, "texCoord": 2 }, "scale": 1 } }"#, "texCoord 2"),
         (r#"{ "edges": 2, "displacement": { "texture": { "index": 0 }, "scale": 1e39 } }"#, "lightsheaf_tessellation"),
+        (r#"{ "edges": 2, "displacement": { "noise": { "frequency": 1 }, "scale": 1e7 } }"#, "at most 1000000 metres"),
     ] {
         let error = said(extras).expect_err(extras);
         assert!(error.contains(cause) && error.contains("meshes[0].primitives[0]"), "{extras}: {error}");

@@ -196,9 +196,14 @@ impl Height {
                 Err(format!("there are {} waves: 1 to {MAX_WAVES} are possible", waves.len()))
             }
             Self::Waves(waves) => {
-                let fine = |w: &Wave| w.cycles.is_finite() && (w.amplitude + w.hertz + w.phase).is_finite();
+                let fine = |w: &Wave| {
+                    let numbers = w.cycles.to_array().into_iter().chain([w.amplitude, w.hertz, w.phase]);
+                    numbers.into_iter().all(|v| v.abs() <= 1e6)
+                };
                 match waves.iter().position(|w| !fine(w)) {
-                    Some(i) => Err(format!("wave {i} is not finite: its length has to be above 0")),
+                    Some(i) => {
+                        Err(format!("wave {i}: its length has to be above 0, and all that it is at most 1000000"))
+                    }
                     None => Ok(()),
                 }
             }

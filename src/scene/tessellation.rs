@@ -13,6 +13,9 @@ use super::{Camera, Mesh, Projection, Scene, refine};
 /// Parts that an edge may be cut into, as in graphics hardware.
 pub const MAX_FACTOR: u32 = 64;
 
+/// Metres by which a height may displace.
+pub const MAX_METRES: f32 = 1e6;
+
 /// The shape factor of the paper's figures: 3/4 of the way from the flat triangle to the projections.
 pub const PHONG: f32 = 0.75;
 

@@ -116,7 +116,7 @@ pub(super) fn sea() -> Scene {
     scene
 }
 
-/// Hills in sunlight, 240 m wide, of eight octaves.
+/// Hills in sunlight, 240 m wide, of seven octaves.
 pub(super) fn terrain() -> Scene {
     let (environment, lights) = daylight([0.8, 0.35, 0.2]);
     let mut scene = Scene {
@@ -127,7 +127,7 @@ pub(super) fn terrain() -> Scene {
         ..Scene::default()
     };
     let mut hills = plane(240.0, 16);
-    let height = Height::Noise { frequency: 1.0 / 60.0, octaves: 8, seed: 7, drift: Vec3::ZERO };
+    let height = Height::Noise { frequency: 1.0 / 60.0, octaves: 7, seed: 7, drift: Vec3::ZERO };
     let displacement = Displacement { height, scale: 30.0, bias: 0.0 };
     Tessellation { factor: EdgeFactor::Pixels(6.0), phong: 0.0, displacement: Some(displacement) }.refine(&mut hills);
     add_as_is(&mut scene, 0, Mesh { name: "hills".to_owned(), ..hills });
