@@ -1,7 +1,7 @@
 //! The method on one page: what one iteration of raster BDPT does, in order.
 //!
-//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel; among many lights, direct light comes from a pool of
-//! light points beside y0. Passes take their inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
+//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel, or, interleaved, every pixel of a class; among many
+//! lights, direct light comes from a pool of light points beside y0. Passes take their inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
 
 use std::f32::consts::TAU;
 
@@ -11,6 +11,7 @@ use crate::gpu_scene::GpuScene;
 use crate::iteration::describe;
 use crate::layouts;
 use crate::light_table::LightTable;
+use crate::live::Live;
 use crate::passes::accumulate::Accumulate;
 use crate::passes::connect::Connect;
 use crate::passes::depth_maps::DepthMaps;
@@ -56,8 +57,12 @@ pub struct Frame {
     light_in_view: Option<u32>,
     /// The film, and what an iteration keeps per pixel.
     pub pixels: PixelBuffers,
+    /// Where pictures are filtered frame by frame.
+    pub live: Option<Live>,
     scratch: Option<ViewScratch>,
     light_vertices: wgpu::Buffer,
+    /// What the last iteration's camera saw.
+    seen: layouts::Frame,
     demands: wgpu::Buffer,
     /// Non-finite values, bits of skipped iterations, then items and nodes that each view wanted.
     pub log: wgpu::Buffer,
@@ -73,24 +78,25 @@ impl Frame {
         settings: &Settings,
         directions: Option<BundleDirections>,
     ) -> Self {
-        let size = [settings.width, settings.height];
+        let size = plan.grid.size;
         let surface = plan.surface_flags.clone();
+        let layered: &[&str] = if plan.is_live() { &["LAYERED"] } else { &[] };
         let bundles: &[&str] = if directions.is_some() { &["SKY_BUNDLES"] } else { &[] };
-        let with = |more: &[&'static str]| [surface.as_slice(), bundles, more].concat();
+        let with = |more: &[&'static str]| [surface.as_slice(), bundles, layered, more].concat();
         let visibility: &[&str] = match (plan.rays, plan.fast) {
             (true, _) => &["RAY_QUERY"],
             (false, true) => &["FAST"],
             (false, false) => &[],
         };
 
-        let strategy = |samples: [u32; 4], s, j| {
+        let strategy = |samples: [u32; 4], s, j, clear: bool| {
             let uniform = gpu.uniform::<layouts::Strategy>("strategy");
             let strategy = layouts::Strategy {
                 allowed: samples.map(|n| n as f32),
                 s,
                 j,
+                clear: u32::from(clear),
                 clamp_distance: settings.paper_clamp * 2.0 * scene.sphere().1,
-                ..Default::default()
             };
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&strategy));
             uniform
@@ -103,14 +109,15 @@ impl Frame {
             let from_y0 = if c.s == 1 { [rsm, sent].concat() } else { Vec::new() };
             Connect::new(gpu, &with(&[visibility, &from_y0].concat()), c.s, c.clamped)
         };
-        let pooled = |c: &Connection| plan.has_pool() && (c.s, c.j) == (1, 1);
+        let pooled = |c: &Connection| plan.has_pool() && c.is_direct();
         let connections = plan.connections.iter();
-        let connections = connections.map(|c| (*c, strategy(c.samples, c.s, c.j), (!pooled(c)).then(|| connect(c))));
+        let connections = connections
+            .map(|c| (*c, strategy(c.samples, c.s, c.j, plan.is_clear(c)), (!pooled(c)).then(|| connect(c))));
         let extend = |e: &Extension| {
             let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
             Extend::new(gpu, &flags, e.last)
         };
-        let extensions = plan.extensions.iter().map(|e| (strategy(e.samples, 0, e.j), extend(e)));
+        let extensions = plan.extensions.iter().map(|e| (strategy(e.samples, 0, e.j, false), extend(e)));
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
         let views: Vec<_> = plan
             .views()
@@ -123,7 +130,8 @@ impl Frame {
             })
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
-        let pixels = PixelBuffers::new(gpu, size, plan.band_rows, plan.glossy(), bundle_pdfs);
+        let pixels = PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs);
+        let choices = plan.grid.largest() * layouts::Choice::bytes(plan.is_live() && plan.glossy());
         // One for each time that a view is filled.
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
@@ -135,9 +143,9 @@ impl Frame {
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
-            light_pool: plan.has_pool().then(|| {
-                LightPool::new(gpu, &with(sent), &with(visibility), plan.light_pool, plan.band_pixels(settings))
-            }),
+            light_pool: plan
+                .has_pool()
+                .then(|| LightPool::new(gpu, &with(sent), &with(visibility), plan.light_pool, choices)),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, sent].concat()))),
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, sent].concat()))),
@@ -145,9 +153,11 @@ impl Frame {
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections: connections.collect(),
             extensions: extensions.collect(),
-            accumulate: Accumulate::new(gpu),
+            accumulate: Accumulate::new(gpu, layered),
+            live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
             light_in_view: None,
+            seen: layouts::Frame::default(),
             pixels,
             scratch: rasterized.then(|| ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit))),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
@@ -177,17 +187,18 @@ impl Frame {
         lights: &LightTable,
         settings: &Settings,
     ) -> Result<Vec<f32>, GpuError> {
-        let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags].concat();
+        let layered: &[&str] = if self.live.is_some() { &["LAYERED"] } else { &[] };
+        let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags, layered].concat();
         let pass = LightGifts::new(gpu, &flags, lights.count());
         let uniform = describe(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0);
-        self.pixels.describe(gpu, &uniform);
+        self.pixels.describe(gpu, 0, &uniform);
         let strategy = gpu.uniform::<layouts::Strategy>("strategy");
         let alone = layouts::Strategy { allowed: [0.0, 1.0, 0.0, 0.0], s: 1, j: 1, ..Default::default() };
         gpu.queue.write_buffer(&strategy, 0, bytemuck::bytes_of(&alone));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        self.gbuffer.record(gpu, &mut encoder, scene, self.pixels.first().frame);
-        for band in self.pixels.bands() {
-            self.eye_vertices.record(gpu, &mut encoder, scene, &band, &self.gbuffer.triangles);
+        self.gbuffer.record(gpu, &mut encoder, scene, self.pixels.first(0).frame);
+        for band in self.pixels.bands(0) {
+            self.meet(gpu, &mut encoder, scene, &band);
             pass.record(gpu, &mut encoder, scene, &band, &strategy);
         }
         gpu.queue.submit([encoder.finish()]);
@@ -205,16 +216,46 @@ impl Frame {
         iteration: u64,
         batch_index: u32,
     ) {
-        let sampler = Sampler::new(settings.seed, iteration);
-        let uniform = describe(scene, camera, settings, &sampler, iteration, batch_index);
-        self.pixels.describe(gpu, &uniform);
+        // What the camera sees of the scene is the same for all classes of pixels.
+        let seen = describe(scene, camera, settings, &Sampler::new(settings.seed, iteration), iteration, batch_index);
+        let samples = self.live.as_ref().map_or(seen.samples, |live| live.samples() / settings.clamp_samples);
+        let seen = layouts::Frame { samples, ..seen };
+        for class in 0..self.plan.grid.subpaths() {
+            let sampler = Sampler::new(settings.seed, self.number(iteration, class));
+            let uniform = with_numbers(&seen, &sampler);
+            self.pixels.describe(gpu, class as usize, &uniform);
+            self.subpath(gpu, scene, lights, &sampler, class as usize);
+        }
+        if self.plan.grid.scale > 1 {
+            self.clear_light(gpu, scene, lights, &seen);
+        }
+        self.seen = seen;
+    }
+
+    /// Makes a picture of what the last iteration brought, where pictures are filtered frame by frame.
+    pub fn advance(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        if let Some(live) = &mut self.live {
+            live.advance(gpu, scene, &self.seen);
+        }
+    }
+
+    /// Which random numbers a class of pixels has. A class takes turns with the others, so that each finds all of them in the end.
+    fn number(&self, iteration: u64, class: u32) -> u64 {
+        let classes = u64::from(self.plan.grid.subpaths());
+        let again = self.live.as_ref().and_then(Live::repeated) == Some(class);
+        let iteration = if again { iteration.saturating_sub(1) } else { iteration };
+        iteration * classes + (u64::from(class) + iteration) % classes
+    }
+
+    /// Records and submits a light subpath, the bundles beside it, and the eye subpaths of a class of pixels, which these serve.
+    fn subpath(&mut self, gpu: &Gpu, scene: &GpuScene, lights: &LightTable, sampler: &Sampler, class: usize) {
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut commands;
         let light_vertices = self.plan.light_vertices as usize;
 
         // y0 and what else direct light is chosen from; what y0 can see, kept while a light without extent stays the same.
-        let starts = light_starts(lights, &sampler, self.plan.light_pool);
+        let starts = light_starts(lights, sampler, self.plan.light_pool);
         let started = self.light_point.as_ref().filter(|_| !starts.is_empty());
         let rsm = self.rsm.as_ref().map(|pass| &pass.table);
         if let Some(pass) = started {
@@ -241,7 +282,7 @@ impl Frame {
                     gpu,
                     encoder,
                     scene,
-                    &self.pixels.first(),
+                    &self.pixels.first(class),
                     points,
                     rsm,
                     vertex as u32,
@@ -265,13 +306,59 @@ impl Frame {
         }
 
         // What each pixel sees; then its paths, band by band.
-        self.gbuffer.record(gpu, encoder, scene, self.pixels.first().frame);
-        for band in self.pixels.bands() {
+        if class == 0 {
+            self.gbuffer.record(gpu, encoder, scene, self.pixels.first(0).frame);
+        }
+        for band in self.pixels.bands(class) {
             self.follow(gpu, encoder, scene, &band, started, lights, &starts);
-            // The film, unless a list ran out of room.
-            self.accumulate.record(gpu, encoder, &band, &self.demands, &self.log);
+            self.keep(gpu, encoder, &band);
         }
         gpu.queue.submit([commands.finish()]);
+    }
+
+    /// Light that needs no filter, for every pixel of an image that is finer than its layers.
+    fn clear_light(&self, gpu: &Gpu, scene: &GpuScene, lights: &LightTable, seen: &layouts::Frame) {
+        let class = self.plan.grid.subpaths() as usize;
+        self.pixels.describe(gpu, class, seen);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let started = self.light_point.as_ref().filter(|_| lights.count() > 0);
+        for band in self.pixels.bands(class) {
+            self.meet(gpu, &mut encoder, scene, &band);
+            for (connection, strategy, pass) in self.connections.iter().filter(|(c, ..)| self.plan.is_apart(c)) {
+                self.join(gpu, &mut encoder, scene, &band, (connection, strategy, pass.as_ref()), started);
+            }
+            self.keep(gpu, &mut encoder, &band);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// z1, and what the camera sees shining: (0, 2).
+    fn meet(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, scene: &GpuScene, band: &Band) {
+        let guides = self.live.as_ref().map(|live| live.guides(band.region));
+        self.eye_vertices.record(gpu, encoder, scene, band, &self.gbuffer.triangles, guides);
+    }
+
+    /// z_j joined to a vertex of the light subpath.
+    fn join(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        band: &Band,
+        (connection, strategy, pass): (&Connection, &wgpu::Buffer, Option<&Connect>),
+        started: Option<&LightPoint>,
+    ) {
+        let (Some(pass), Some(light_point)) = (pass, started) else { return };
+        let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
+        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
+        pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
+    }
+
+    /// The film or the frame's layers, unless a list ran out of room.
+    fn keep(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, band: &Band) {
+        let layers = self.live.as_ref().map(|live| live.layers(band.region));
+        let layers = layers.as_ref().map_or(&[][..], |layers| layers);
+        self.accumulate.record(gpu, encoder, band, &self.demands, &self.log, layers);
     }
 
     /// The eye subpaths of a band, joined to the light subpath, which has `started` where there are lights.
@@ -285,23 +372,17 @@ impl Frame {
         lights: &LightTable,
         starts: &[layouts::LightStart],
     ) {
-        let rsm = self.rsm.as_ref().map(|pass| &pass.table);
-        // z1, and what the camera sees shining: (0, 2).
-        self.eye_vertices.record(gpu, encoder, scene, band, &self.gbuffer.triangles);
+        self.meet(gpu, encoder, scene, band);
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=self.plan.bounces + 1 {
-            for (connection, strategy, pass) in self.connections.iter().filter(|(c, ..)| c.j == j) {
-                let Some(light_point) = started else { continue };
-                match (pass, &self.light_pool) {
-                    (Some(pass), _) => {
-                        let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
-                        pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
-                    }
-                    (None, Some(pool)) => {
+            let connections = self.connections.iter().filter(|(c, ..)| c.j == j && !self.plan.is_apart(c));
+            for (connection, strategy, pass) in connections {
+                match (pass, &self.light_pool, started) {
+                    (None, Some(pool), Some(light_point)) => {
                         self.shine(gpu, encoder, scene, band, light_point, pool, strategy, lights, starts);
                     }
-                    (None, None) => {}
+                    _ => self.join(gpu, encoder, scene, band, (connection, strategy, pass.as_ref()), started),
                 }
             }
             let Some((strategy, pass)) = self.extensions.get(j as usize - 1) else { continue };
@@ -396,7 +477,13 @@ impl Frame {
     pub fn bytes(&self) -> u64 {
         let views: u64 = self.views.iter().map(ViewBuffers::bytes).sum();
         let pool = self.light_pool.as_ref().map_or(0, LightPool::bytes);
-        self.pixels.bytes() + self.gbuffer.bytes() + self.scratch.as_ref().map_or(0, ViewScratch::bytes) + views + pool
+        let live = self.live.as_ref().map_or(0, Live::bytes);
+        self.pixels.bytes()
+            + live
+            + self.gbuffer.bytes()
+            + self.scratch.as_ref().map_or(0, ViewScratch::bytes)
+            + views
+            + pool
     }
 
     /// Largest number of nodes that any view has room for.
@@ -420,6 +507,16 @@ impl Frame {
         } else {
             gpu.queue.write_buffer(&self.demands, 0, bytemuck::bytes_of(&layouts::Demand::default()));
         }
+    }
+}
+
+/// The uniform of a class of pixels: random numbers of its own.
+fn with_numbers(seen: &layouts::Frame, sampler: &Sampler) -> layouts::Frame {
+    layouts::Frame {
+        y1_random: sampler.get2(Decision::Y1),
+        y2_random: sampler.get2(Decision::Y2),
+        noise: sampler.bits(),
+        ..*seen
     }
 }
 

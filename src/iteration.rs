@@ -23,12 +23,9 @@ pub fn describe(
     let on_lens = lens_point(camera, sampler);
     let mut out = layouts::Frame {
         clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
-        samples: (iteration + 1) as f32,
+        samples: (iteration + 1) as f32 / settings.clamp_samples,
         jitter,
-        y1_random: sampler.get2(Decision::Y1),
-        y2_random: sampler.get2(Decision::Y2),
         iteration: batch_index,
-        noise: sampler.bits(),
         ..describe_camera(camera, settings)
     };
     if let Some((shift, focus)) = on_lens {

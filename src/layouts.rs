@@ -217,9 +217,12 @@ layouts! {
         beta: f32,
         iteration: u32,
         noise: u32,
-        first_row: u32,
+        columns: u32,
+        first: [u32; 2],
         rows: u32,
-        pad: u32,
+        stride: u32,
+        scale: u32,
+        layers: u32,
     }
 
     /// A strategy's constants.
@@ -228,7 +231,7 @@ layouts! {
         s: u32,
         j: u32,
         clamp_distance: f32,
-        pad: u32,
+        clear: u32,
     }
 
     /// What a view wanted and what it had.
@@ -436,6 +439,45 @@ layouts! {
         pad1: [f32; 2],
     }
 
+    /// What a pixel chose from a pool of light points.
+    struct Choice in "light_pool" {
+        value: [f32; 3],
+        light_point: u32,
+    }
+
+    /// What filters need to know of what a pixel shows.
+    struct Guide in "temporal" {
+        position: [f32; 3],
+        triangle: u32,
+        normal: [f32; 3],
+        pad: u32,
+        reflectance: [u32; 2],
+        pad2: [u32; 2],
+    }
+
+    /// What frames of a moving picture share.
+    struct Live in "temporal" {
+        clip_before: [[f32; 4]; 4],
+        camera_position: [f32; 3],
+        footprint: f32,
+        jitter_shift: [f32; 2],
+        image: [u32; 2],
+        layer: [u32; 2],
+        repeated: [u32; 2],
+        scale: u32,
+        side: u32,
+        orthographic: u32,
+        has_before: u32,
+        still: u32,
+        moved: u32,
+        repeats: u32,
+        history: f32,
+        odd: u32,
+        averages: f32,
+        frames: f32,
+        pad: u32,
+    }
+
     /// What is kept of a surface per pixel; the last two fields only where anything is glossy. The host only needs its size.
     struct Shading in "connect" {
         ng: [f32; 3],
@@ -446,6 +488,22 @@ layouts! {
         metallic: f32,
         specular: [f32; 3],
         f90: f32,
+    }
+}
+
+impl EyeVertex {
+    /// Bytes per pixel; `shared`: with the share that the first vertex's diffuse base has.
+    #[must_use]
+    pub fn bytes(shared: bool) -> u64 {
+        (size_of::<Self>() + if shared { 16 } else { 0 }) as u64
+    }
+}
+
+impl Choice {
+    /// Bytes per pixel; `shared`: with the share that the first vertex's diffuse base has.
+    #[must_use]
+    pub fn bytes(shared: bool) -> u64 {
+        (size_of::<Self>() + if shared { 16 } else { 0 }) as u64
     }
 }
 

@@ -1,14 +1,14 @@
 //! What an iteration keeps per pixel, and the uniform that all of its passes read.
 //!
-//! The image is made band by band: views are filled once for all bands, and what is kept per pixel is kept for one.
+//! The image is made region by region ([`crate::grid`]): what is kept per pixel is kept for one.
 
 use crate::gpu::Gpu;
+use crate::grid::{Grid, Region};
 use crate::layouts;
 
-/// Buffers per pixel of a band, and those that are each band's own.
+/// Buffers per pixel of a region, and those that are each region's own.
 pub struct PixelBuffers {
-    width: u32,
-    bands: Vec<Own>,
+    classes: Vec<Vec<Own>>,
     eye_vertices: wgpu::Buffer,
     shadings: wgpu::Buffer,
     radiance: wgpu::Buffer,
@@ -16,65 +16,72 @@ pub struct PixelBuffers {
     bundle_pdfs: wgpu::Buffer,
 }
 
-/// What each band has.
+/// What each region has.
 struct Own {
-    first_row: u32,
-    rows: u32,
+    region: Region,
     frame: wgpu::Buffer,
-    film: wgpu::Buffer,
+    /// None where frames have layers.
+    film: Option<wgpu::Buffer>,
 }
 
-/// Whole rows of the image, as passes see them. `eye_vertices` starts them; `connect` and `extend` go on.
+/// A region of the image, as passes see it. `eye_vertices` starts its pixels; `connect` and `extend` go on.
 pub struct Band<'a> {
+    /// Where it lies.
+    pub region: &'a Region,
     /// Columns and rows.
     pub size: [u32; 2],
     /// What the iteration shares: a `Frame`.
     pub frame: &'a wgpu::Buffer,
-    /// Sum and compensation per pixel, of all iterations.
-    pub film: &'a wgpu::Buffer,
+    /// Sum and compensation per pixel, of all iterations; none where frames have layers.
+    pub film: Option<&'a wgpu::Buffer>,
     pixels: &'a PixelBuffers,
 }
 
 impl PixelBuffers {
-    /// Allocates for an image in bands of so many rows.
+    /// Allocates for an image that is divided so.
     #[must_use]
-    pub fn new(gpu: &Gpu, [width, height]: [u32; 2], band_rows: u32, glossy: bool, bundle_pdfs: &[f32]) -> Self {
-        let (height, band_rows) = (height.max(1), band_rows.clamp(1, height.max(1)));
-        let own = |first_row: u32| {
-            let rows = band_rows.min(height - first_row);
-            let film = gpu.storage("film", u64::from(width) * u64::from(rows) * 32);
-            Own { first_row, rows, frame: gpu.uniform::<layouts::Frame>("frame"), film }
+    pub fn new(gpu: &Gpu, grid: &Grid, glossy: bool, bundle_pdfs: &[f32]) -> Self {
+        let own = |region: Region| Own {
+            region,
+            frame: gpu.uniform::<layouts::Frame>("frame"),
+            film: (!grid.layered).then(|| gpu.storage("film", region.pixels() * 32)),
         };
-        let pixels = u64::from(width) * u64::from(band_rows);
+        let pixels = grid.largest();
         Self {
-            width,
-            bands: (0..height).step_by(band_rows as usize).map(own).collect(),
-            eye_vertices: gpu.storage("eye_vertices", pixels * size_of::<layouts::EyeVertex>() as u64),
+            classes: grid.classes().into_iter().map(|regions| regions.into_iter().map(own).collect()).collect(),
+            eye_vertices: gpu.storage("eye_vertices", pixels * layouts::EyeVertex::bytes(grid.layered && glossy)),
             shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy)),
-            radiance: gpu.storage("radiance", pixels * 16),
+            radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
         }
     }
 
-    /// The bands from the top; at least one.
-    pub fn bands(&self) -> impl Iterator<Item = Band<'_>> {
-        self.bands.iter().map(|own| self.band(own))
+    /// The bands of a class of pixels, from the top.
+    pub fn bands(&self, class: usize) -> impl Iterator<Item = Band<'_>> {
+        self.classes[class].iter().map(|own| self.band(own))
     }
 
-    /// The topmost, for passes that run once for all.
+    /// The topmost band of a class, for passes that run once for all.
     #[must_use]
-    pub fn first(&self) -> Band<'_> {
-        self.band(&self.bands[0])
+    pub fn first(&self, class: usize) -> Band<'_> {
+        self.band(&self.classes[class][0])
+    }
+
+    /// The films of all bands from the top, where there are any.
+    pub fn films(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.classes.iter().flatten().filter_map(|own| own.film.as_ref())
     }
 
     fn band<'a>(&'a self, own: &'a Own) -> Band<'a> {
-        Band { size: [self.width, own.rows], frame: &own.frame, film: &own.film, pixels: self }
+        let Own { region, frame, film } = own;
+        Band { region, size: region.size, frame, film: film.as_ref(), pixels: self }
     }
 
-    /// Tells all bands what the iteration shares.
-    pub fn describe(&self, gpu: &Gpu, frame: &layouts::Frame) {
-        for Own { first_row, rows, frame: uniform, .. } in &self.bands {
-            let frame = layouts::Frame { first_row: *first_row, rows: *rows, ..*frame };
+    /// Tells all bands of a class what the iteration shares.
+    pub fn describe(&self, gpu: &Gpu, class: usize, frame: &layouts::Frame) {
+        for Own { region, frame: uniform, .. } in &self.classes[class] {
+            let Region { first, size: [columns, rows], stride, scale, layers } = *region;
+            let frame = layouts::Frame { first, columns, rows, stride, scale, layers, ..*frame };
             gpu.queue.write_buffer(uniform, 0, bytemuck::bytes_of(&frame));
         }
     }
@@ -82,7 +89,7 @@ impl PixelBuffers {
     /// Bytes of the buffers per pixel.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let films: u64 = self.bands.iter().map(|own| own.film.size()).sum();
+        let films: u64 = self.films().map(wgpu::Buffer::size).sum();
         films + self.eye_vertices.size() + self.shadings.size() + self.radiance.size() + self.bundle_pdfs.size()
     }
 }

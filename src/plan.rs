@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::gpu::Capabilities;
+use crate::grid::Grid;
 use crate::layouts;
 use crate::scene::SceneStats;
 use crate::settings::{Method, Settings, Strategies, Visibility};
@@ -57,6 +58,14 @@ pub struct Connection {
     pub samples: [u32; 4],
     /// Whether the geometry term is bounded (the paper's (2, 3)).
     pub clamped: bool,
+}
+
+impl Connection {
+    /// Whether it joins what the camera sees to a light.
+    #[must_use]
+    pub fn is_direct(&self) -> bool {
+        (self.s, self.j) == (1, 1)
+    }
 }
 
 /// An extension of z_j along a bundle.
@@ -115,8 +124,16 @@ pub struct FramePlan {
     pub list_room: f32,
     /// Indirect bounces.
     pub bounces: u32,
-    /// Rows of the image that are followed at a time, so that what is kept per pixel is bounded.
-    pub band_rows: u32,
+    /// Which pixels share a light subpath, and which are followed at a time, so that what is kept per pixel is bounded.
+    pub grid: Grid,
+    /// Whether direct light has no noise that a filter should take away.
+    pub clear_light: bool,
+    /// Whether the pixels of a square are joined by a filter.
+    pub filtered: bool,
+    /// Whether outliers of the layers are given the brightness of those around them.
+    pub tamed: bool,
+    /// Frames that indirect light is averaged over; 0: none.
+    pub history: u32,
     /// Bytes of buffers and textures beside the scene, at the start.
     pub bytes: u64,
 }
@@ -240,12 +257,21 @@ impl FramePlan {
             rays,
             list_room: settings.list_room,
             bounces,
-            band_rows: 0,
+            grid: Grid {
+                size: [settings.width, settings.height],
+                layered: settings.is_live(),
+                side: settings.interleave,
+                scale: settings.upsample,
+                band_pixels: 0,
+            },
+            clear_light: stats.one_sharp_light && light_pool == 1,
+            filtered: settings.interleave > 1 && !settings.unfiltered,
+            tamed: settings.tame_outliers && settings.is_live(),
+            history: settings.history,
             bytes: 0,
         };
         let usual = if plan.has_pool() { POOL_BAND_PIXELS } else { BAND_PIXELS };
-        let band = settings.band_pixels.unwrap_or(usual);
-        plan.band_rows = (band / settings.width.max(1)).clamp(1, settings.height.max(1));
+        plan.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.explain(stats, settings);
         plan
@@ -274,7 +300,7 @@ impl FramePlan {
     /// Whether direct light comes from a pool of light points.
     #[must_use]
     pub fn has_pool(&self) -> bool {
-        self.light_pool > 1 && self.connections.iter().any(|c| (c.s, c.j) == (1, 1))
+        self.light_pool > 1 && self.connections.iter().any(Connection::is_direct)
     }
 
     /// Which view the pool's light points share but for the first.
@@ -331,16 +357,28 @@ impl FramePlan {
         }
     }
 
-    /// Bands that the image is made of.
+    /// Whether a connection is made where clear light is alone, in layers of their own resolution.
     #[must_use]
-    pub fn bands(&self, settings: &Settings) -> u32 {
-        settings.height.div_ceil(self.band_rows.max(1))
+    pub fn is_apart(&self, connection: &Connection) -> bool {
+        self.grid.scale > 1 && self.is_clear(connection)
     }
 
-    /// Pixels that are followed at a time.
+    /// Whether what a connection brings needs no filter.
     #[must_use]
-    pub fn band_pixels(&self, settings: &Settings) -> u64 {
-        u64::from(settings.width) * u64::from(self.band_rows)
+    pub fn is_clear(&self, connection: &Connection) -> bool {
+        self.clear_light && connection.is_direct()
+    }
+
+    /// Whether an iteration's light is kept in layers that are filtered.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.grid.layered
+    }
+
+    /// Whether a frame says how much the light changed since the one before.
+    #[must_use]
+    pub fn has_gradients(&self) -> bool {
+        self.history > 1 && self.grid.side > 1
     }
 
     /// Whether shaders have code for lobes beside the diffuse one.
@@ -352,10 +390,14 @@ impl FramePlan {
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let triangles = stats.triangle_room() as u64;
-        let pool = if self.has_pool() { 16 } else { 0 };
-        let kept = pool + size_of::<layouts::EyeVertex>() as u64 + layouts::Shading::bytes(self.glossy()) + 16;
-        // The film, and the G-buffer with its depth.
-        let image = pixels * (32 + 8) + self.band_pixels(settings) * kept;
+        let live = self.is_live();
+        let shared = live && self.glossy();
+        let pool = if self.has_pool() { layouts::Choice::bytes(shared) } else { 0 };
+        let radiance = if live { 48 } else { 16 };
+        let kept = pool + layouts::EyeVertex::bytes(shared) + layouts::Shading::bytes(self.glossy()) + radiance;
+        let film = if live { self.live_bytes() } else { pixels * 32 };
+        // The film or what stands for it, and the G-buffer with its depth.
+        let image = film + pixels * 8 + self.grid.largest() * kept;
         let views: u64 = self
             .views()
             .iter()
@@ -374,13 +416,30 @@ impl FramePlan {
         image + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
     }
 
+    /// Bytes of layers, guides, histories and pictures.
+    #[must_use]
+    pub fn live_bytes(&self) -> u64 {
+        let [image, layer] = [self.grid.size, self.grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
+        let guide = size_of::<layouts::Guide>() as u64;
+        let of_image = 2 * (guide + 16) + 16 + 32;
+        let mut of_layer = 2 * 32;
+        of_layer += if self.grid.scale > 1 { 2 * guide } else { 0 };
+        of_layer += if self.filtered { 32 } else { 0 };
+        of_layer += if self.tamed { 32 } else { 0 };
+        of_layer += if self.history > 0 { 2 * 32 } else { 0 };
+        let squares: u64 = self.grid.layer().map(|side| u64::from(side.div_ceil(self.grid.side))).iter().product();
+        image * of_image + layer * of_layer + if self.has_gradients() { 8 * squares } else { 0 }
+    }
+
     fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
         let mut out = vec![PlannedPass::tessellate(stats)];
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
-        let bands = self.bands(settings);
+        let subpaths = self.grid.subpaths();
+        let [bands, clear_bands] = self.grid.regions();
         // Of the pool's light points, whose view is filled again for each band.
-        let around_lights = self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
-        let views = if self.rays { 0 } else { around_lights + self.extensions.len() as u32 };
+        let around_lights =
+            subpaths * self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
+        let views = if self.rays { 0 } else { around_lights + subpaths * self.extensions.len() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
             "view_setup",
@@ -388,7 +447,7 @@ impl FramePlan {
             if self.rays {
                 "ray queries answer".to_owned()
             } else {
-                let bundles = self.extensions.len();
+                let bundles = subpaths as usize * self.extensions.len();
                 format!("once per view: {around_lights} around light vertices, {bundles} bundles")
             },
         );
@@ -414,7 +473,7 @@ impl FramePlan {
         );
         pass(
             "light_point",
-            u32::from(self.light_vertices > 0),
+            if self.light_vertices > 0 { subpaths } else { 0 },
             if self.light_vertices > 0 { "where the light subpath starts" } else { NO_LIGHT }.to_owned(),
         );
         pass(
@@ -429,7 +488,7 @@ impl FramePlan {
         );
         pass(
             "light_subpath",
-            self.light_vertices.saturating_sub(1),
+            subpaths * self.light_vertices.saturating_sub(1),
             match self.light_vertices {
                 0 => NO_LIGHT.to_owned(),
                 1 => "the strategies ask for no VPLs".to_owned(),
@@ -437,10 +496,14 @@ impl FramePlan {
             },
         );
         pass("gbuffer", 1, "z1 of every pixel".to_owned());
-        pass("eye_vertices", bands, "exact positions, and light that the camera sees".to_owned());
+        pass("eye_vertices", bands + clear_bands, "exact positions, and light that the camera sees".to_owned());
         pass(
             "connect",
-            bands * (self.connections.len() - usize::from(self.has_pool())) as u32,
+            self.connections
+                .iter()
+                .filter(|c| !(self.has_pool() && c.is_direct()))
+                .map(|c| if self.is_apart(c) { clear_bands } else { bands })
+                .sum(),
             if self.light_vertices == 0 {
                 NO_LIGHT.to_owned()
             } else {
@@ -479,8 +542,37 @@ impl FramePlan {
                 "nothing shines by itself, so the last vertex is the last that is joined".to_owned()
             },
         );
-        pass("accumulate", bands, "film".to_owned());
+        let to = if self.is_live() { "the frame's layers, which are filtered" } else { "film" };
+        pass("accumulate", bands + clear_bands, to.to_owned());
+        self.explain_live(&mut pass);
         out
+    }
+
+    fn explain_live(&self, pass: &mut dyn FnMut(&'static str, u32, String)) {
+        let all = "pictures are summed as they are";
+        let mut row = |name, runs: bool, why: String, why_not: &str| {
+            let reason = if runs { why } else { if self.is_live() { why_not } else { all }.to_owned() };
+            pass(name, u32::from(runs), reason);
+        };
+        let Grid { side, scale, .. } = self.grid;
+        row(
+            "gradient",
+            self.has_gradients(),
+            format!("how much the light changed, by one pixel in {} that repeats its random numbers", side * side),
+            "needs --interleave, and --history of more than a frame",
+        );
+        let history = self.history;
+        row("temporal", history > 0, format!("indirect light of up to {history} frames"), "no --history");
+        row(
+            "filter",
+            self.filtered,
+            format!("joins the {} light subpaths of a square", side * side),
+            if side > 1 { "--unfiltered" } else { "no --interleave" },
+        );
+        row("outliers", self.tamed, "as asked for".to_owned(), "not asked for");
+        let upsampled = format!("layers, {scale} times finer, into a picture");
+        row("compose", self.is_live(), if scale > 1 { upsampled } else { "layers into a picture".to_owned() }, "");
+        row("antialias", self.is_live(), "the mean of frames".to_owned(), "");
     }
 
     fn strategy_names(&self) -> String {

@@ -35,6 +35,22 @@ impl Posing {
         self.run(gpu, gpu_scene, scene, geometry, &Sources { refined: sources.refined.clone(), origins: Vec::new() })
     }
 
+    /// Puts the vertices that refining makes for a pose to come where the pose before has them.
+    pub fn look_back(
+        &mut self,
+        gpu: &Gpu,
+        gpu_scene: &GpuScene,
+        scene: &Scene,
+        geometry: &Geometry,
+        sources: &Sources,
+    ) {
+        let Some(tessellate) = &mut self.tessellate else { return };
+        let mut encoder =
+            gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("look back") });
+        tessellate.look_back(gpu, &mut encoder, gpu_scene, scene, geometry, &sources.refined);
+        gpu.queue.submit([encoder.finish()]);
+    }
+
     /// Bytes of what refines; the scene's, as those of its vertices are.
     #[must_use]
     pub fn bytes(&self) -> u64 {

@@ -186,6 +186,10 @@ impl<'gpu> Renderer<'gpu> {
             return Ok(());
         }
         let Prepared { geometry, camera, mut lights, .. } = prepared;
+        if let Some(live) = &mut self.frame.live {
+            self.posing.look_back(self.gpu, &self.scene, scene, &geometry, &sources);
+            live.change(self.gpu, &self.scene);
+        }
         self.scene.pose(self.gpu, &geometry, &lights);
         self.posing.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         if self.plan.rays {
@@ -199,7 +203,10 @@ impl<'gpu> Renderer<'gpu> {
         }
         (self.camera, self.lights) = (camera, lights);
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
-        self.restart(self.settings.seed);
+        // A picture that is filtered frame by frame goes on from the last one.
+        if self.frame.live.is_none() {
+            self.restart(self.settings.seed);
+        }
         Ok(self.gpu.check()?)
     }
 
@@ -264,9 +271,11 @@ impl Progressive for Renderer<'_> {
         let end = self.samples + samples;
         while self.samples < end {
             // The first iteration alone, so that little has to be redone where the guess of room was too small.
-            let count = if self.samples == 0 { 1 } else { u64::from(BATCH).min(end - self.samples) };
+            let count =
+                if self.samples == 0 || self.plan.is_live() { 1 } else { u64::from(BATCH).min(end - self.samples) };
             self.batch((self.samples..self.samples + count).collect())?;
             self.samples += count;
+            self.frame.advance(self.gpu, &self.scene);
             if !progress(self.samples) {
                 break;
             }
@@ -276,13 +285,19 @@ impl Progressive for Renderer<'_> {
     }
 
     fn restart(&mut self, seed: u32) {
-        self.frame.pixels.bands().for_each(|band| clear(self.gpu, band.film));
+        self.frame.pixels.films().for_each(|film| clear(self.gpu, film));
+        if let Some(live) = &mut self.frame.live {
+            live.restart();
+        }
         self.settings.seed = seed;
         self.samples = 0;
     }
 
     fn film(&self) -> Result<Film, RenderError> {
-        read_film(self.gpu, self.frame.pixels.bands().map(|band| band.film), &self.settings, self.samples)
+        match &self.frame.live {
+            Some(live) => Ok(live.film(self.gpu)?),
+            None => read_film(self.gpu, self.frame.pixels.films(), &self.settings, self.samples),
+        }
     }
 
     fn stats(&self) -> RenderStats {

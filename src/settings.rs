@@ -23,6 +23,13 @@ pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
 /// Light points of a pool.
 const POOLS: RangeInclusive<u32> = 1..=256;
 
+/// Layer pixels along a side of a square that shares its samples, and image pixels along a side of a layer's.
+const SIDES_OF_SQUARES: RangeInclusive<u32> = 1..=8;
+const SCALES: RangeInclusive<u32> = 1..=16;
+
+/// Frames that a pixel remembers.
+const HISTORIES: RangeInclusive<u32> = 0..=1024;
+
 /// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
 pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
 
@@ -261,6 +268,10 @@ pub struct Settings {
     /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
     #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
     pub paper_clamp: f32,
+    /// Samples that a highlight should hold, 0.01 to 1000: narrower lobes are widened until enough samples have come (m' of section 5.2);
+    /// fewer leave highlights sharper and noisier
+    #[arg(long, value_name = "N", default_value_t = Self::default().clamp_samples, allow_negative_numbers = true, help_heading = RASTER)]
+    pub clamp_samples: f32,
     /// Light points per iteration that the direct light of each pixel is chosen from, 1 to 256 [default: chosen from the scene]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub light_pool: Option<u32>,
@@ -271,6 +282,22 @@ pub struct Settings {
     /// [default: 262144, with a light pool 1048576]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub band_pixels: Option<u32>,
+    /// Interleaved sampling: pixels along a side of the squares whose pixels each have a light subpath and bundles of their own, 1 to 8,
+    /// joined by a filter; 1: all pixels share one
+    #[arg(long, value_name = "N", default_value_t = Self::default().interleave, allow_negative_numbers = true, help_heading = LIVE)]
+    pub interleave: u32,
+    /// Leave what --interleave splits unfiltered
+    #[arg(long, help_heading = LIVE)]
+    pub unfiltered: bool,
+    /// Frames that indirect light is averaged over, following what moves and forgetting what has changed, 0 to 1024
+    #[arg(long, value_name = "FRAMES", default_value_t = Self::default().history, allow_negative_numbers = true, help_heading = LIVE)]
+    pub history: u32,
+    /// Indirect light for every n-th pixel of every n-th row alone, 1 to 16, interpolated where surfaces are alike
+    #[arg(long, value_name = "N", default_value_t = Self::default().upsample, allow_negative_numbers = true, help_heading = LIVE)]
+    pub upsample: u32,
+    /// Give pixels of indirect light that stick out the brightness of those around them: less noise, and darker
+    #[arg(long, help_heading = LIVE)]
+    pub tame_outliers: bool,
     /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
     pub aperture: Option<f32>,
@@ -284,6 +311,9 @@ pub struct Settings {
 
 /// Heading of the options that only raster has.
 const RASTER: &str = "Options of raster";
+
+/// Heading of the options that make a good picture of few samples, frame by frame.
+const LIVE: &str = "Real-time options of raster and twin";
 
 /// Heading of the options that only paths of each pixel have.
 const RAYS: &str = "Options of ray-query and path";
@@ -310,8 +340,14 @@ impl Default for Settings {
             vpl_resolution: None,
             light_pool: None,
             paper_clamp: 0.05,
+            clamp_samples: 16.0,
             list_room: 1.0,
             band_pixels: None,
+            interleave: 1,
+            unfiltered: false,
+            history: 0,
+            upsample: 1,
+            tame_outliers: false,
             aperture: None,
             focus: None,
             camera: 0,
@@ -360,6 +396,9 @@ impl Settings {
         if let Some(beta) = self.beta.filter(|b| !BETAS.contains(b)) {
             return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
         }
+        if !(0.01..=1000.0).contains(&self.clamp_samples) {
+            return wrong("--clamp-samples", &self.clamp_samples, "has to be 0.01 to 1000".to_owned());
+        }
         if !(0.001..=16.0).contains(&self.list_room) {
             return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
         }
@@ -375,6 +414,15 @@ impl Settings {
         if let Some(points) = self.light_pool.filter(|n| !POOLS.contains(n)) {
             return wrong("--light-pool", &points, format!("has to be {}", span(&POOLS)));
         }
+        for (option, value, range) in [
+            ("--interleave", self.interleave, SIDES_OF_SQUARES),
+            ("--history", self.history, HISTORIES),
+            ("--upsample", self.upsample, SCALES),
+        ] {
+            if !range.contains(&value) {
+                return wrong(option, &value, format!("has to be {}", span(&range)));
+            }
+        }
         if let Some(metres) = self.aperture.filter(|a| !APERTURES.contains(a)) {
             return wrong("--aperture", &metres, format!("has to be {} metres", span(&APERTURES)));
         }
@@ -386,7 +434,21 @@ impl Settings {
                 return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
             }
         }
+        for (option, given, needed, wanted) in [
+            ("--unfiltered", self.unfiltered, self.interleave > 1, "--interleave"),
+            ("--tame-outliers", self.tame_outliers, self.is_live(), "--interleave, --history or --upsample"),
+        ] {
+            if given && !needed {
+                return wrong(option, &"", format!("needs {wanted}"));
+            }
+        }
         self.check_foreign()
+    }
+
+    /// Whether pictures are filtered frame by frame rather than only summed.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        self.interleave > 1 || self.history > 0 || self.upsample > 1
     }
 
     /// Exponent of the MIS heuristic.
@@ -412,7 +474,11 @@ impl Settings {
         let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
         let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
+        let lobes = (self.clamp_samples != default.clamp_samples && !shares).then(|| self.clamp_samples.to_string());
         let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
+        let live = |option, value: u32, default: u32| {
+            (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
+        };
         let sampling = self.light_sampling.filter(|l| judge || (shares && l.has_tree()));
         let resampling = self.light_sampling.filter(|l| l.resamples());
         let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
@@ -423,11 +489,15 @@ impl Settings {
             ("--list-room", room, "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
+            ("--clamp-samples", lobes, "raster and twin"),
             ("--paper-clamp", clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
+            live("--interleave", self.interleave, default.interleave),
+            live("--history", self.history, default.history),
+            live("--upsample", self.upsample, default.upsample),
             ("--restir-bias", bias, "path with --light-sampling restir"),
             ("--restir-memory", memory, "path with --light-sampling restir"),
         ];

@@ -45,14 +45,14 @@ fn with(strategies: Strategies, bounces: u32) -> Settings {
 /// Of a scene with few lights.
 fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = plan_of(stats, settings);
-    assert_eq!(runs(&plan, "connect"), plan.bands(settings) * plan.connections.len() as u32);
+    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * plan.connections.len() as u32);
     assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32);
     plan
 }
 
 fn plan_of(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = FramePlan::new(stats, settings, &capabilities());
-    let counts = [plan.light_vertices.saturating_sub(1), plan.bands(settings) * plan.extensions.len() as u32];
+    let counts = [plan.light_vertices.saturating_sub(1), plan.grid.regions()[0] * plan.extensions.len() as u32];
     assert_eq!(["light_subpath", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
     assert!(plan.bytes > 0);
     let text = plan.to_string();
@@ -102,6 +102,12 @@ fn without_light_only_the_camera_looks() {
         ("light_pool", 0),
         ("extend", 0),
         ("accumulate", 1),
+        ("gradient", 0),
+        ("temporal", 0),
+        ("filter", 0),
+        ("outliers", 0),
+        ("compose", 0),
+        ("antialias", 0),
     ];
     assert_eq!(table(&plan), expected);
     assert!(plan.views().is_empty() && plan.surface_flags.is_empty() && plan.light_flags.is_empty());
@@ -293,7 +299,7 @@ fn bytes_grow_with_what_is_asked_for() {
     // Beyond a band, only the film and the G-buffer do.
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
     assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 40);
-    assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).bands(&base), 2);
+    assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.regions(), [4, 0]);
     assert!(bytes(&Settings { bundle_resolution: Some(256), ..base.clone() }) > small);
     assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { vpl_resolution: Some(512), ..base.clone() }) > small);

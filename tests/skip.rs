@@ -348,6 +348,41 @@ fn bounces_that_nobody_asks_for_are_not_there() {
     }
 }
 
+/// Pictures that are only summed have nothing of those that are filtered frame by frame, and these have what was asked for.
+#[test]
+fn frames_are_filtered_only_where_asked() {
+    let Some(gpu) = gpu() else { return };
+    let _alone = alone();
+    let of = |settings: Settings| ask(gpu, &plain(), &settings, 2);
+    let base = settings(Method::Raster);
+    let summed = of(base.clone()).names();
+    let has = |names: &BTreeSet<String>, parts: &[&str]| {
+        let parts = parts.iter().filter(|part| names.contains(**part));
+        parts.map(|part| (*part).to_owned()).collect::<Vec<_>>()
+    };
+    let all = ["pass gradient", "pass temporal", "pass filter", "pass outliers", "pass compose", "pass antialias"];
+    let kept =
+        ["memory guides", "memory clear", "memory indirect", "memory history", "memory filtered", "memory gradients"];
+    let code = ["code guide_of", "code are_alike", "code layer_index"];
+    assert!(has(&summed, &[&all[..], &kept, &code].concat()).is_empty(), "{summed:?}");
+    assert!(summed.contains("memory film"));
+
+    let filtered = of(Settings { interleave: 2, ..base.clone() }).names();
+    assert_eq!(has(&filtered, &all), ["pass filter", "pass compose", "pass antialias"]);
+    assert_eq!(has(&filtered, &kept), ["memory guides", "memory clear", "memory indirect", "memory filtered"]);
+    assert!(!filtered.contains("memory film"));
+    let remembered = of(Settings { history: 8, ..base.clone() }).names();
+    assert_eq!(has(&remembered, &all), ["pass temporal", "pass compose", "pass antialias"]);
+    let unfiltered = of(Settings { interleave: 2, unfiltered: true, ..base.clone() }).names();
+    assert_eq!(has(&unfiltered, &all), ["pass compose", "pass antialias"]);
+    let both = of(Settings { interleave: 2, history: 8, upsample: 2, tame_outliers: true, ..base });
+    // Nothing has changed yet, so nothing asks how much.
+    assert!(!both.counts.passes.contains_key("gradient"));
+    let both = both.names();
+    assert_eq!(has(&both, &all), all);
+    assert!(both.contains("memory layer_guides") && !filtered.contains("memory layer_guides"));
+}
+
 /// The plan says what will be allocated beside the scene, and that is what was: within 5 %.
 #[test]
 fn memory_is_what_the_plan_says() {
@@ -362,6 +397,7 @@ fn memory_is_what_the_plan_says() {
             Settings { visibility: Visibility::Fast, ..base.clone() },
             Settings { bounces: 0, ..base.clone() },
             Settings { width: 1024, height: 512, list_room: 0.5, ..base.clone() },
+            Settings { interleave: 4, history: 16, upsample: 2, ..base.clone() },
             Settings { method: Method::Twin, ..base.clone() },
             Settings { method: Method::Path, ..base.clone() },
             Settings { method: Method::RayQuery, bounces: 4, ..base.clone() },
@@ -387,7 +423,7 @@ fn memory_is_what_the_plan_says() {
             checked += 1;
         }
     }
-    assert_eq!(checked, 42);
+    assert_eq!(checked, 48);
 }
 
 /// The facts of a scene that has everything.

@@ -1,8 +1,9 @@
-//! accumulate: adds the iteration's image to the film unless a list overflowed; counts what is not finite.
+//! accumulate: adds the iteration's image to the film, or puts it into the frame's layers, unless a list overflowed; counts what is
+//! not finite.
 //!
-//! Reads the iteration's image and the views' demands. Writes the film and the batch's log.
+//! Reads the iteration's image and the views' demands. Writes the film or the layers, and the batch's log.
 
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Bindings, Compute, Gpu};
 use crate::pixels::Band;
 
 /// The pass.
@@ -11,11 +12,11 @@ pub struct Accumulate(Compute);
 impl Accumulate {
     /// Builds the pipeline.
     #[must_use]
-    pub fn new(gpu: &Gpu) -> Self {
-        Self(Compute::new(gpu, "accumulate", "accumulate", &[]))
+    pub fn new(gpu: &Gpu, flags: &[&str]) -> Self {
+        Self(Compute::new(gpu, "accumulate", "accumulate", flags))
     }
 
-    /// Records the pass.
+    /// Records the pass; `layers` are those of a frame that is filtered.
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -23,13 +24,12 @@ impl Accumulate {
         band: &Band,
         demands: &wgpu::Buffer,
         log: &wgpu::Buffer,
+        layers: Bindings,
     ) {
         let mut bindings = band.bindings().to_vec();
-        bindings.extend([
-            ("demands", demands.as_entire_binding()),
-            ("film", band.film.as_entire_binding()),
-            ("log", log.as_entire_binding()),
-        ]);
+        bindings.extend([("demands", demands.as_entire_binding()), ("log", log.as_entire_binding())]);
+        bindings.extend(band.film.map(|film| ("film", film.as_entire_binding())));
+        bindings.extend_from_slice(layers);
         self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

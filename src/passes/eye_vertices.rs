@@ -1,6 +1,6 @@
 //! eye_vertices: z1 of every pixel, exactly, and the light that the camera sees: strategies (0, 2).
 //!
-//! Reads the G-buffer. Writes the eye vertices and starts the iteration's image.
+//! Reads the G-buffer. Writes the eye vertices, starts the iteration's image, and tells filters what each pixel shows.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
@@ -24,9 +24,11 @@ impl EyeVertices {
         scene: &GpuScene,
         band: &Band,
         gbuffer: &wgpu::TextureView,
+        guides: Option<&wgpu::Buffer>,
     ) {
         let mut bindings = scene.with(&[("gbuffer", wgpu::BindingResource::TextureView(gbuffer))]);
         bindings.extend(band.bindings());
+        bindings.extend(guides.map(|guides| ("guides", guides.as_entire_binding())));
         self.0.record(gpu, encoder, band.size, &bindings);
     }
 }

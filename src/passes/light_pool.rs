@@ -18,9 +18,9 @@ pub struct LightPool {
 }
 
 impl LightPool {
-    /// Builds the pipelines. `choosing`: flags of what depends on the light; `visibility`: of the tests.
+    /// Builds the pipelines. `choosing`: flags of what depends on the light; `visibility`: of the tests; `choice_bytes`: of all that are kept.
     #[must_use]
-    pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], count: u32, band_pixels: u64) -> Self {
+    pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], count: u32, choice_bytes: u64) -> Self {
         let index = |n: u32| {
             let uniform = gpu.uniform::<u32>("pool_index");
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&n));
@@ -29,7 +29,7 @@ impl LightPool {
         Self {
             choose: Compute::new(gpu, "light_pool", "light_pool", &[choosing, &["CHOOSE"]].concat()),
             test: Compute::new(gpu, "light_pool_test", "light_pool", visibility),
-            choices: gpu.storage("choices", band_pixels * 16),
+            choices: gpu.storage("choices", choice_bytes),
             indices: (0..count).map(index).collect(),
         }
     }

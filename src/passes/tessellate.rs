@@ -237,19 +237,7 @@ impl Tessellate {
         }
         self.put_topology(gpu, geometry, refined, &constants);
         let mut own = rest.bindings();
-        own.extend([
-            ("control_origins", self.control_origins.as_entire_binding()),
-            ("members", self.members.as_entire_binding()),
-            ("controls", self.controls.as_entire_binding()),
-            ("refinements", self.refinements.as_entire_binding()),
-            ("new_vertices", self.new_vertices.as_entire_binding()),
-            ("blends", self.blends.as_entire_binding()),
-        ]);
-        own.extend(self.waves.as_ref().map(|waves| ("waves", waves.as_entire_binding())));
-        own.extend(self.heights.as_ref().map(|heights| ("heights", heights.as_entire_binding())));
-        if let Some((rings, triangles)) = &self.rings {
-            own.extend([("rings", rings.as_entire_binding()), ("ring_triangles", triangles.as_entire_binding())]);
-        }
+        own.extend(self.bindings());
         let bindings = gpu_scene.with(&own);
         self.pose.record(gpu, encoder, rows(refined.controls.len() as u32), &bindings);
         self.place.record(gpu, encoder, rows(refined.blends.len() as u32), &bindings);
@@ -258,11 +246,45 @@ impl Tessellate {
         }
     }
 
-    /// Uploads which new vertices and triangles there are, unless they are those of the pose before.
-    fn put_topology(&mut self, gpu: &Gpu, geometry: &Geometry, refined: &Refined, constants: &Constants) {
+    /// Puts the new vertices of a pose to come where the pose before has them, for those who follow surfaces from frame to frame. Nothing
+    /// where these are the same ones.
+    pub fn look_back(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        gpu_scene: &GpuScene,
+        scene: &Scene,
+        geometry: &Geometry,
+        refined: &Refined,
+    ) {
+        if self.put_topology(gpu, geometry, refined, &Constants::new(scene, refined)) {
+            let bindings = gpu_scene.with(&self.bindings());
+            self.place.record(gpu, encoder, rows(refined.blends.len() as u32), &bindings);
+        }
+    }
+
+    fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
+        let mut all = vec![
+            ("control_origins", self.control_origins.as_entire_binding()),
+            ("members", self.members.as_entire_binding()),
+            ("controls", self.controls.as_entire_binding()),
+            ("refinements", self.refinements.as_entire_binding()),
+            ("new_vertices", self.new_vertices.as_entire_binding()),
+            ("blends", self.blends.as_entire_binding()),
+        ];
+        all.extend(self.waves.as_ref().map(|waves| ("waves", waves.as_entire_binding())));
+        all.extend(self.heights.as_ref().map(|heights| ("heights", heights.as_entire_binding())));
+        if let Some((rings, triangles)) = &self.rings {
+            all.extend([("rings", rings.as_entire_binding()), ("ring_triangles", triangles.as_entire_binding())]);
+        }
+        all
+    }
+
+    /// Uploads which new vertices and triangles there are, unless they are those of the pose before; says whether they are others.
+    fn put_topology(&mut self, gpu: &Gpu, geometry: &Geometry, refined: &Refined, constants: &Constants) -> bool {
         let triangles = &geometry.triangles[refined.first_triangle as usize..];
         if self.there.0 == refined.blends && self.there.1 == triangles {
-            return;
+            return false;
         }
         let first_and_count =
             NewVertices { first: refined.first_vertex, count: refined.blends.len() as u32, ..Default::default() };
@@ -282,5 +304,6 @@ impl Tessellate {
             put(gpu, list, "ring_triangles", &triangles);
         }
         self.there = (refined.blends.clone(), triangles.to_vec());
+        true
     }
 }

@@ -63,6 +63,16 @@ pub enum Light {
 }
 
 impl Light {
+    /// Whether all its light comes from one point or in one direction, so that its shadows are sharp.
+    #[must_use]
+    pub fn is_sharp(&self) -> bool {
+        match self {
+            Self::Point { .. } | Self::Spot { .. } | Self::Directional { .. } => true,
+            Self::Lamp(lamp) => lamp.radius <= 0.0,
+            Self::Sun { .. } => false,
+        }
+    }
+
     /// Where it is, metres, world space; nowhere if infinitely far away.
     #[must_use]
     pub fn position(&self) -> Option<Vec3> {

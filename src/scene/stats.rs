@@ -18,6 +18,8 @@ pub struct SceneStats {
     pub materials: usize,
     /// Point, spot and directional lights that shine.
     pub lights: usize,
+    /// Whether one of them is all that shines, and has no extent: direct light is the same for every light point.
+    pub one_sharp_light: bool,
     /// Whether any of them has a pattern.
     pub patterns: bool,
     /// Places that light comes from: cells of a grid of 8 x 8 x 8 over the scene's box that hold any, and each direction from infinitely
@@ -80,6 +82,10 @@ impl SceneStats {
             vertices: geometry.vertices.len(),
             materials: scene.materials.len(),
             lights: scene.lights.len(),
+            one_sharp_light: scene.lights.len() == 1
+                && scene.lights[0].is_sharp()
+                && scene.environment.is_none()
+                && !scene.materials.iter().any(shining),
             patterns: !scene.patterns.is_empty(),
             light_places: cells.len() + far + usize::from(scene.environment.is_some()),
             emissive_triangles: count(&shining),
