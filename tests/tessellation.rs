@@ -270,6 +270,34 @@ fn the_compute_stage_is_the_cpu_s_twin() {
     assert!(apart.fold(0.0, f32::max) > 1e-4);
 }
 
+/// Filters follow surfaces from frame to frame by the vertices' places in both: where the vertices are others, those of the new frame in the
+/// pose of the old one.
+#[test]
+fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
+    let Some(gpu) = gpu() else { return };
+    let fine = Tessellation { factor: EdgeFactor::Pixels(9.0), phong: 0.75, displacement: waves(1.0) };
+    let at = |away: f32, seconds: f32| {
+        let scene = alone(icosphere(1), fine.clone());
+        Scene { cameras: vec![pinhole(Vec3::Z * away, Vec3::NEG_Z, 0.9)], seconds, ..scene }
+    };
+    let (old, new) = (at(3.0, 0.2), at(2.5, 0.25));
+    let [(geometry, sources), (next, next_sources)] = [&old, &new].map(Geometry::with_sources);
+    assert!(geometry.triangles.len() < next.triangles.len());
+    let device = GpuScene::new(gpu, &new, &next, &LightTable::new(&new, &next, Met::Never)).unwrap();
+    let mut posing = Posing::default();
+    posing.refine(gpu, &device, &old, &geometry, &sources).unwrap();
+    posing.look_back(gpu, &device, &new, &next, &next_sources);
+    let apart = |expected: &Geometry| {
+        let found: Vec<[f32; 4]> = read_back(gpu, &device.positions, expected.vertices.len()).unwrap();
+        let pairs = expected.vertices.iter().zip(found);
+        pairs.map(|(v, p)| v.position.distance(Vec4::from(p).truncate())).fold(0.0, f32::max)
+    };
+    let (before, after) = (Geometry::new(&at(2.5, 0.2)), Geometry::new(&new));
+    assert!(apart(&before) < 1e-6 && apart(&after) > 1e-3, "{} {}", apart(&before), apart(&after));
+    posing.run(gpu, &device, &new, &next, &next_sources).unwrap();
+    assert!(apart(&after) < 1e-6 && apart(&before) > 1e-3, "{} {}", apart(&before), apart(&after));
+}
+
 // --- Pictures ---
 
 fn picture(renderer: &mut dyn Progressive, samples: u64) -> Film {

@@ -95,9 +95,9 @@ impl Tessellation {
             return Err(format!("the shape factor of Phong tessellation is {}: it has to be 0 to 1", self.phong));
         }
         let Some(Displacement { height, scale, bias }) = &self.displacement else { return Ok(()) };
-        if !scale.is_finite() || !bias.is_finite() {
+        if ![scale, bias].iter().all(|metres| metres.abs() <= MAX_METRES) {
             return Err(format!(
-                "the displacement's scale {scale} and bias {bias} have to be finite numbers of metres"
+                "the displacement's scale {scale} and bias {bias} have to be at most {MAX_METRES} metres"
             ));
         }
         height.check()
