@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
 use crate::acceleration::Acceleration;
 use crate::gpu::{Gpu, GpuError};
 use crate::layouts;
 use crate::light_table::LightTable;
+use crate::scene::stats::{triangles_vary, with_room};
 use crate::scene::{
     Boundary, Bsdf, Color, EnvironmentMap, Filter, Fresnel, Geometry, Image, Material, Scalar, Scene, Sides,
     TextureRef, Wrap,
@@ -27,7 +28,8 @@ const TRANSMITS: u32 = 128;
 /// Where a texture slot holds its channel, as in lib/texture.wesl.
 const CHANNEL_SHIFT: u32 = 24;
 
-/// Vertices and triangles as shaders read them. An empty scene has one triangle without area.
+/// Vertices and triangles as shaders read them, with room for more of them where their numbers change from frame to frame: triangles
+/// without area, which nothing meets. An empty scene has one of these.
 struct Corners {
     positions: Vec<[f32; 4]>,
     attributes: Vec<layouts::Attributes>,
@@ -35,7 +37,7 @@ struct Corners {
 }
 
 impl Corners {
-    fn new(geometry: &Geometry) -> Self {
+    fn new(geometry: &Geometry, room: Room) -> Self {
         if geometry.triangles.is_empty() {
             return Self {
                 positions: vec![[0.0; 4]; 3],
@@ -45,27 +47,63 @@ impl Corners {
         }
         let attributes = geometry.vertices.iter().map(|v| layouts::Attributes {
             normal: v.normal.to_array(),
-            color: u32::from_le_bytes(v.color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)),
+            color: packed(v.color),
             tangent: v.tangent.to_array(),
             uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
         });
-        Self {
+        let mut out = Self {
             positions: geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect(),
             attributes: attributes.collect(),
-            triangles: triangles(geometry),
-        }
+            triangles: triangles(geometry, room.triangles),
+        };
+        out.positions.resize(room.vertices, [0.0; 4]);
+        out.attributes.resize(room.vertices, layouts::Attributes::default());
+        out
     }
 }
 
-fn triangles(geometry: &Geometry) -> Vec<layouts::Triangle> {
+/// Vertices and triangles that buffers have room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Room {
+    vertices: usize,
+    triangles: usize,
+    /// Whether there may be fewer of them.
+    varies: bool,
+}
+
+impl Room {
+    fn new(scene: &Scene, geometry: &Geometry) -> Self {
+        let varies = triangles_vary(scene);
+        let room = |count: usize| if varies { with_room(count) } else { count };
+        Self { vertices: room(geometry.vertices.len()), triangles: room(geometry.triangles.len()), varies }
+    }
+
+    /// Whether these have their place there, and do not leave most of it empty.
+    fn holds(self, geometry: &Geometry) -> bool {
+        let holds =
+            |room: usize, count: usize| if self.varies { (room / 4..=room).contains(&count) } else { room == count };
+        holds(self.vertices, geometry.vertices.len()) && holds(self.triangles, geometry.triangles.len())
+    }
+}
+
+/// All triangles, and as many without area as there is room for.
+fn triangles(geometry: &Geometry, room: usize) -> Vec<layouts::Triangle> {
     let triangles = geometry.triangles.iter().zip(&geometry.materials);
-    triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect()
+    let mut out: Vec<_> = triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect();
+    out.resize(room, layouts::Triangle::default());
+    out
+}
+
+/// A linear colour in 8 bits a channel, as shaders unpack it.
+pub(crate) fn packed(color: Vec4) -> u32 {
+    u32::from_le_bytes(color.to_array().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8))
 }
 
 /// The scene on the device.
 pub struct GpuScene {
-    /// Number of triangles.
+    /// Number of triangles, with those without area that keep their place for others.
     pub triangles: u32,
+    room: Room,
     /// Bounding box, metres.
     pub bounds: [Vec3; 2],
     /// Bytes of buffers and textures.
@@ -106,8 +144,8 @@ impl GpuScene {
     /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
     pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> Result<Self, GpuError> {
         let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
-        let largest =
-            (geometry.vertices.len() * size_of::<layouts::Attributes>()).max(geometry.triangles.len() * 48) as u64;
+        let room = Room::new(scene, geometry);
+        let largest = (room.vertices * size_of::<layouts::Attributes>()).max(room.triangles * 48) as u64;
         if largest > limit {
             return Err(GpuError::Device(format!(
                 "the scene has {} triangles and {} vertices, which need a binding of {largest} bytes; the adapter's limit is \
@@ -124,7 +162,7 @@ impl GpuScene {
                 lights.count()
             )));
         }
-        let Corners { positions, attributes, triangles } = Corners::new(geometry);
+        let Corners { positions, attributes, triangles } = Corners::new(geometry, room);
         let mut atlas = Atlas::new(gpu, scene)?;
         let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
         if materials.is_empty() {
@@ -147,6 +185,7 @@ impl GpuScene {
         bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
         Ok(Self {
             triangles: triangles.len() as u32,
+            room,
             source: scene.materials.clone(),
             bounds: geometry.bounds,
             sphere: geometry.sphere(),
@@ -217,16 +256,15 @@ impl GpuScene {
         all
     }
 
-    /// Whether another pose of the same scene has its place in these buffers: as many vertices, triangles and lights, and the same
-    /// materials.
+    /// Whether another pose of the same scene has its place in these buffers: as many vertices, triangles and lights, or
+    /// up to as many where they vary, and the same materials.
     #[must_use]
     pub fn fits(&self, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> bool {
         let as_long =
             |buffer: &wgpu::Buffer, bytes: usize| buffer.size() == (bytes as u64).next_multiple_of(16).max(16);
         let wanted: Vec<_> = tables_of(lights).collect();
         scene.materials == self.source
-            && self.triangles as usize == geometry.triangles.len()
-            && as_long(&self.positions, 16 * geometry.vertices.len())
+            && self.room.holds(geometry)
             && self.tables.len() == wanted.len()
             && self.tables.iter().zip(wanted).all(|((name, table), (n, data))| *name == n && as_long(table, data.len()))
     }
@@ -234,7 +272,11 @@ impl GpuScene {
     /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). Acceleration structures stay what they
     /// were.
     pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
-        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles(geometry)));
+        gpu.queue.write_buffer(
+            &self.triangle_buffer,
+            0,
+            bytemuck::cast_slice(&triangles(geometry, self.room.triangles)),
+        );
         self.relight(gpu, lights);
         (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
     }

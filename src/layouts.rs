@@ -80,6 +80,74 @@ layouts! {
         tangent: [f32; 4],
     }
 
+    /// Where a control vertex of a refined mesh comes from.
+    struct ControlOrigin in "controls" {
+        uv: [f32; 4],
+        source: u32,
+        place: u32,
+        members_begin: u32,
+        members_end: u32,
+        color: u32,
+        surface: u32,
+        pad: [u32; 2],
+    }
+
+    /// A posed control vertex; the host only needs its size.
+    struct Control in "controls" {
+        place: [f32; 3],
+        surface: u32,
+        direction: [f32; 3],
+        color: u32,
+        normal: [f32; 3],
+        pad0: u32,
+        rest: [f32; 3],
+        pad1: u32,
+        tangent: [f32; 4],
+        uv: [f32; 4],
+    }
+
+    /// A vertex that tessellation makes.
+    struct Blend in "tessellate" {
+        corners: [u32; 3],
+        y: f32,
+        heights: [u32; 3],
+        z: f32,
+    }
+
+    /// Which vertices tessellation makes.
+    struct NewVertices in "tessellate" {
+        first: u32,
+        count: u32,
+        pad0: u32,
+        pad1: u32,
+    }
+
+    /// How a surface is refined.
+    struct Refinement in "tessellate" {
+        drift: [f32; 3],
+        kind: u32,
+        shape: f32,
+        scale: f32,
+        bias: f32,
+        frequency: f32,
+        first: u32,
+        count: u32,
+        seed: u32,
+        uv_set: u32,
+        size: [i32; 2],
+        wrap: [u32; 2],
+    }
+
+    /// A wave that displaces a surface.
+    struct Wave in "tessellate" {
+        cycles: [f32; 3],
+        amplitude: f32,
+        phase: f32,
+        pad0: f32,
+        pad1: f32,
+        pad2: f32,
+    }
+
     /// A material.
     struct Material in "connect" {
         base: [f32; 3],

@@ -67,6 +67,9 @@
 //! of a time into a scene like any other. [`renderer::Renderer::pose`] goes on from one to the next: [`passes::deform`] morphs, skins
 //! and places every vertex in the buffers that all passes and ray queries read; bounds and lights come from the CPU's pose.
 //!
+//! Meshes that are to be refined ([`scene::tessellation`]) are cut when the scene is flattened ([`scene::refine`]), by factors of edges that
+//! the scene's camera decides once a frame; [`passes::tessellate`] puts the new vertices into the same buffers. [`posing`] has both passes.
+//!
 //! # Glossary
 //!
 //! - **light subpath** y0 y1 y2: y0 on the light. **Eye subpath** z0 z1 z2 ...: z0 the camera.
@@ -121,9 +124,11 @@ pub mod path_plan;
 pub mod path_renderer;
 pub mod pixels;
 pub mod plan;
+pub mod posing;
 pub mod reference;
 pub mod renderer;
 pub mod report;
+pub mod rest;
 pub mod sampler;
 pub mod scene;
 pub mod settings;

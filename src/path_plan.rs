@@ -72,6 +72,7 @@ impl PathPlan {
         let group = limit.checked_div(per_pixel).unwrap_or(u64::MAX).min(pixels).min(MOST_OF_A_GROUP);
         let runs = pixels.div_ceil(group.max(1)) as u32;
         let passes = vec![
+            PlannedPass::tessellate(stats),
             PlannedPass {
                 name: "light_paths",
                 runs: if both_sides { runs } else { 0 },
@@ -149,18 +150,18 @@ mod tests {
     #[test]
     fn light_subpaths_are_stored_in_groups_that_can_be_bound() {
         let small = plan(&Settings { method: Method::RayQuery, width: 64, height: 64, ..Settings::default() });
-        assert_eq!((small.group, small.passes[0].runs, small.passes[2].runs), (64 * 64, 1, 1));
+        assert_eq!((small.group, small.passes[1].runs, small.passes[3].runs), (64 * 64, 1, 1));
         assert_eq!(small.flags, ["LIGHT_PATHS"]);
         let deep = Settings { method: Method::RayQuery, width: 512, height: 512, bounces: 64, ..Settings::default() };
         let deep = plan(&deep);
-        assert!(deep.vertex_bytes <= 128 << 20 && deep.passes[0].runs == 7, "{deep}");
-        assert_eq!(deep.passes[0].runs, deep.passes[2].runs);
+        assert!(deep.vertex_bytes <= 128 << 20 && deep.passes[1].runs == 7, "{deep}");
+        assert_eq!(deep.passes[1].runs, deep.passes[3].runs);
     }
 
     #[test]
     fn path_tracing_has_no_light_subpaths() {
         let path = plan(&Settings { method: Method::Path, bounces: UNLIMITED, ..Settings::default() });
-        assert_eq!((path.passes[0].runs, path.vertex_bytes, path.passes[2].runs), (0, 0, 1));
+        assert_eq!((path.passes[1].runs, path.vertex_bytes, path.passes[3].runs), (0, 0, 1));
         assert!(path.flags.is_empty() && path.to_string().contains("skip"));
     }
 
@@ -169,8 +170,8 @@ mod tests {
         let of = |light_sampling| plan(&Settings { method: Method::Path, light_sampling, ..Settings::default() });
         let (none, ris) = (of(None), of(Some(LightSampling::Ris)));
         let restir = of(Some(LightSampling::Restir));
-        assert_eq!([&none, &ris, &restir].map(|p| p.passes[1].runs), [0, 1, 1]);
-        assert_eq!(none.passes[1].name, "reservoirs");
+        assert_eq!([&none, &ris, &restir].map(|p| p.passes[2].runs), [0, 1, 1]);
+        assert_eq!(none.passes[2].name, "reservoirs");
         assert!(none.bytes < ris.bytes && ris.bytes < restir.bytes);
         assert_eq!(restir.flags, ["LIGHT_TREE", "RESERVOIRS"]);
     }

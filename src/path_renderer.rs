@@ -12,13 +12,13 @@ use crate::iteration::describe_camera;
 use crate::layouts;
 use crate::light_table::{LightTable, Met};
 use crate::light_tree::LightTree;
-use crate::passes::deform::Deform;
 use crate::passes::eye_paths::EyePaths;
 use crate::passes::light_paths::LightPaths;
 use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
-use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, deform, read_film};
+use crate::posing::Posing;
+use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
@@ -104,8 +104,7 @@ pub struct PathRenderer<'gpu> {
     resolve: Resolve,
     shared: Shared,
     pixels: Pixels,
-    /// Made for the second pose.
-    deform: Option<Deform>,
+    posing: Posing,
     samples: u64,
     stats: RenderStats,
 }
@@ -117,10 +116,13 @@ impl<'gpu> PathRenderer<'gpu> {
     /// [`RenderError::Setting`] for a value out of its range, an image that the device cannot hold or a camera that is not there;
     /// [`RenderError::Gpu`], also where the device was opened without ray queries.
     pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        let (geometry, sources) = Geometry::with_sources(scene);
         let Prepared { geometry, camera, plan, table, light_nodes, constants } =
-            Prepared::new(gpu, scene, Geometry::new(scene), settings)?;
+            Prepared::new(gpu, scene, geometry, settings)?;
         let both_sides = settings.method == Method::RayQuery;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        let mut posing = Posing::default();
+        posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
         // Its shaders always ask how many lights there are.
         gpu_scene.stand_in(gpu, &[plan.flags.as_slice(), &["PUNCTUAL"]].concat());
         gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -145,12 +147,12 @@ impl<'gpu> PathRenderer<'gpu> {
                     .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
             },
             gpu,
-            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
             scene: gpu_scene,
             settings: settings.clone(),
             constants,
             plan,
-            deform: None,
+            posing,
             samples: 0,
         };
         this.count_only(settings.only);
@@ -164,7 +166,7 @@ impl<'gpu> PathRenderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let (geometry, origins) = Geometry::with_origins(scene);
+        let (geometry, sources) = Geometry::with_sources(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
         if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
             *self = Self::new(self.gpu, scene, &self.settings)?;
@@ -172,13 +174,13 @@ impl<'gpu> PathRenderer<'gpu> {
         }
         let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &table);
-        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
+        self.posing.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         self.scene.accelerate(self.gpu, scene, &geometry)?;
         let described = describe_camera(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
         self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
         self.constants = constants;
-        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         self.count_only(self.settings.only);
         Ok(self.gpu.check()?)
     }

@@ -37,6 +37,16 @@ pub struct PlannedPass {
     pub reason: String,
 }
 
+impl PlannedPass {
+    /// Of any plan.
+    #[must_use]
+    pub fn tessellate(stats: &SceneStats) -> Self {
+        let runs = u32::from(stats.tessellated_triangles > 0);
+        let reason = if runs > 0 { "once a frame, before all else: finer meshes" } else { "no mesh is refined" };
+        Self { name: "tessellate", runs, reason: reason.to_owned() }
+    }
+}
+
 /// A connection of z_j with the light subpath's vertex s.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Connection {
@@ -263,8 +273,14 @@ impl FramePlan {
         let usual = if plan.has_pool() { POOL_BAND_PIXELS } else { BAND_PIXELS };
         plan.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
-        plan.passes = plan.explain(settings);
+        plan.passes = plan.explain(stats, settings);
         plan
+    }
+
+    /// Whether it asks for the same as another plan, if for other numbers of triangles.
+    #[must_use]
+    pub fn does_as(&self, other: &Self) -> bool {
+        *self == Self { bytes: self.bytes, ..other.clone() }
     }
 
     /// Texels along a side and faces of each view: the light, the VPLs, the bundles, then one for the pool of light points.
@@ -373,7 +389,7 @@ impl FramePlan {
 
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let triangles = stats.triangles as u64;
+        let triangles = stats.triangle_room() as u64;
         let live = self.is_live();
         let shared = live && self.glossy();
         let pool = if self.has_pool() { layouts::Choice::bytes(shared) } else { 0 };
@@ -415,8 +431,8 @@ impl FramePlan {
         image * of_image + layer * of_layer + if self.has_gradients() { 8 * squares } else { 0 }
     }
 
-    fn explain(&self, settings: &Settings) -> Vec<PlannedPass> {
-        let mut out = Vec::new();
+    fn explain(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
+        let mut out = vec![PlannedPass::tessellate(stats)];
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let subpaths = self.grid.subpaths();
         let [bands, clear_bands] = self.grid.regions();

@@ -8,9 +8,8 @@ use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::light_table::{LightTable, Met};
-use crate::passes::deform::Deform;
 use crate::plan::FramePlan;
-use crate::scene::geometry::Origin;
+use crate::posing::Posing;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, Settings, Strategies};
 use crate::view::Answers;
@@ -116,8 +115,7 @@ pub struct Renderer<'gpu> {
     settings: Settings,
     plan: FramePlan,
     frame: Frame,
-    /// Made for the second pose.
-    deform: Option<Deform>,
+    posing: Posing,
     samples: u64,
     stats: RenderStats,
 }
@@ -142,9 +140,11 @@ impl<'gpu> Renderer<'gpu> {
     }
 
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
-        let Prepared { geometry, camera, plan, mut lights } =
-            Prepared::new(gpu, scene, Geometry::new(scene), settings, forced)?;
+        let (geometry, sources) = Geometry::with_sources(scene);
+        let Prepared { geometry, camera, plan, mut lights } = Prepared::new(gpu, scene, geometry, settings, forced)?;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
+        let mut posing = Posing::default();
+        posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
         gpu_scene.stand_in(gpu, &[plan.surface_flags.as_slice(), &plan.light_flags].concat());
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
@@ -159,14 +159,14 @@ impl<'gpu> Renderer<'gpu> {
         gpu.check()?;
         Ok(Self {
             gpu,
-            stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
             scene: gpu_scene,
             lights,
             camera,
             settings: settings.clone(),
             plan,
             frame,
-            deform: None,
+            posing,
             samples: 0,
         })
     }
@@ -177,20 +177,21 @@ impl<'gpu> Renderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let (geometry, origins) = Geometry::with_origins(scene);
+        let (geometry, sources) = Geometry::with_sources(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings, None)?;
         // The clamp of `paper` is a share of the scene's size, which its pipelines' constants hold.
-        let kept = prepared.plan == self.plan && self.settings.strategies != Strategies::Paper;
+        let kept = prepared.plan.does_as(&self.plan) && self.settings.strategies != Strategies::Paper;
         if !kept || !self.scene.fits(scene, &prepared.geometry, &prepared.lights) {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
         let Prepared { geometry, camera, mut lights, .. } = prepared;
         if let Some(live) = &mut self.frame.live {
+            self.posing.look_back(self.gpu, &self.scene, scene, &geometry, &sources);
             live.change(self.gpu, &self.scene);
         }
         self.scene.pose(self.gpu, &geometry, &lights);
-        deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
+        self.posing.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         if self.plan.rays {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
@@ -201,7 +202,7 @@ impl<'gpu> Renderer<'gpu> {
             self.scene.relight(self.gpu, &lights);
         }
         (self.camera, self.lights) = (camera, lights);
-        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         // A picture that is filtered frame by frame goes on from the last one.
         if self.frame.live.is_none() {
             self.restart(self.settings.seed);
@@ -307,24 +308,6 @@ impl Progressive for Renderer<'_> {
             ..self.stats.clone()
         }
     }
-}
-
-/// Puts the vertices on the device where a pose of the scene has them.
-pub(crate) fn deform(
-    gpu: &Gpu,
-    pass: &mut Option<Deform>,
-    gpu_scene: &GpuScene,
-    scene: &Scene,
-    origins: &[Origin],
-) -> Result<(), GpuError> {
-    let pass = match pass {
-        Some(pass) => pass,
-        None => pass.insert(Deform::new(gpu, scene, origins)?),
-    };
-    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("deform") });
-    pass.record(gpu, &mut encoder, gpu_scene, scene, origins);
-    gpu.queue.submit([encoder.finish()]);
-    Ok(())
 }
 
 /// The camera that the settings name.

@@ -16,8 +16,8 @@ use lightsheaf::gpu_scene::GpuScene;
 use lightsheaf::layouts::Attributes;
 use lightsheaf::light_table::{LightTable, Met};
 use lightsheaf::metrics::compare;
-use lightsheaf::passes::deform::Deform;
 use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::posing::Posing;
 use lightsheaf::renderer::{Progressive, Renderer};
 use lightsheaf::scene::animation::{Curve, Interpolation};
 use lightsheaf::scene::{self, Bsdf, Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
@@ -395,15 +395,13 @@ fn no_number_of_a_file_makes_it_panic() {
 /// Vertices that were uploaded in one pose and deformed to another on the device, against what the CPU makes of a pose: the largest
 /// distance of a position over the scene's size, and of a normal or tangent.
 fn deformed(gpu: &Gpu, from: &Scene, to: &Scene, expected: &Scene) -> [f32; 2] {
-    let (geometry, origins) = Geometry::with_origins(from);
+    let geometry = Geometry::new(from);
     let lights = LightTable::new(from, &geometry, Met::Never);
     let on_device = GpuScene::new(gpu, from, &geometry, &lights).unwrap();
-    let mut pass = Deform::new(gpu, from, &origins).unwrap();
-    let (expected, origins) = (Geometry::new(expected), Geometry::with_origins(to).1);
+    let expected = Geometry::new(expected);
     assert_eq!(expected.vertices.len(), geometry.vertices.len());
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    pass.record(gpu, &mut encoder, &on_device, to, &origins);
-    gpu.queue.submit([encoder.finish()]);
+    let (geometry, sources) = Geometry::with_sources(to);
+    Posing::default().run(gpu, &on_device, to, &geometry, &sources).unwrap();
     let count = expected.vertices.len();
     let positions: Vec<[f32; 4]> = read_back(gpu, &on_device.positions, count).unwrap();
     let attributes: Vec<Attributes> = read_back(gpu, &on_device.attributes, count).unwrap();

@@ -53,9 +53,9 @@ fn structs_agree_with_the_shaders() {
     assert!(all.len() >= 11, "{}", all.len());
     let mut modules = BTreeMap::new();
     for described in &all {
-        let module = modules
-            .entry(described.1)
-            .or_insert_with(|| parse(described.1, &["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS"]));
+        let module = modules.entry(described.1).or_insert_with(|| {
+            parse(described.1, &["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS", "WAVES"])
+        });
         assert!(!described.3.is_empty());
         let differences = differences(described, module);
         assert!(differences.is_empty(), "{differences:#?}");

@@ -88,6 +88,7 @@ fn extensions(plan: &FramePlan) -> Vec<(u32, bool)> {
 fn without_light_only_the_camera_looks() {
     let plan = plan(&dark(), &bounces(2));
     let expected = [
+        ("tessellate", 0),
         ("view_setup", 0),
         ("view_lists", 0),
         ("depth_maps", 0),

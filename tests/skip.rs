@@ -14,8 +14,8 @@ use lightsheaf::gpu::{Counts, Gpu};
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::renderer::{Progressive as _, Renderer};
 use lightsheaf::scene::{
-    AlphaMask, Bsdf, Environment, EnvironmentMap, Filter, Geometry, Image, Light, Mapping, Material, Pattern, Rows,
-    Scene, SceneStats, Texture, TextureRef, Wrap, builtin,
+    AlphaMask, Bsdf, Displacement, EdgeFactor, Environment, EnvironmentMap, Filter, Geometry, Height, Image, Light,
+    Mapping, Material, Pattern, Rows, Scene, SceneStats, Tessellation, Texture, TextureRef, Wave, Wrap, builtin,
 };
 use lightsheaf::settings::{Method, Settings, Strategies, Visibility};
 
@@ -101,6 +101,17 @@ fn textured(scene: &mut Scene) -> TextureRef {
     scene.images = vec![Image { name: String::new(), width: 2, height: 2, texels: vec![[200, 100, 50, 255]; 4] }];
     scene.textures = vec![Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb: true }];
     TextureRef::new(0)
+}
+
+fn refined(displacement: Option<Displacement>) -> lightsheaf::scene::Mesh {
+    let mut mesh = shelf();
+    Tessellation { factor: EdgeFactor::Fixed(2), phong: 0.75, displacement }.refine(&mut mesh);
+    mesh
+}
+
+fn waves() -> Option<Displacement> {
+    let height = Height::Waves(vec![Wave::on_water(Vec3::X, 1.0, 0.05)]);
+    Some(Displacement { height, scale: 1.0, bias: 0.0 })
 }
 
 fn shelf() -> lightsheaf::scene::Mesh {
@@ -199,6 +210,19 @@ fn features() -> Vec<Feature> {
             &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
             &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
         ),
+        feature(
+            "tessellation",
+            with(|s| add(s, refined(None), Material::diffuse("round", Vec3::ONE))),
+            &["pass tessellate", "pass controls", "memory blends", "memory controls", "memory rest", "code projected"],
+            &["pass tessellate", "pass controls", "memory blends", "memory controls", "memory rest", "code projected"],
+        ),
+        Feature {
+            name: "displacement",
+            with: with(|s| add(s, refined(waves()), Material::diffuse("water", Vec3::ONE))),
+            without: with(|s| add(s, refined(None), Material::diffuse("water", Vec3::ONE))),
+            raster: &["pass displaced_normals", "memory rings", "memory waves", "code wave_height", "code height_at"],
+            rays: &["pass displaced_normals", "memory rings", "memory waves", "code wave_height", "code height_at"],
+        },
         feature(
             "vertex colours",
             with(|s| s.meshes[0].colors = vec![Vec3::ONE.extend(1.0); s.meshes[0].positions.len()]),

@@ -11,7 +11,7 @@ use lightsheaf::bench::contender::{device, ours};
 use lightsheaf::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, race, truth};
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::report::{FILES, Machine, Report};
-use lightsheaf::scene::{self, Scene};
+use lightsheaf::scene::{self, Scene, Viewpoint};
 use lightsheaf::settings::{BUDGETS, Method, Settings, UNLIMITED, parse_bounces};
 
 use super::output;
@@ -114,7 +114,8 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     let bounces = Some(args.bounces).filter(|&b| b != UNLIMITED);
     let mut report = Report::new(command_line(), machine, schedule, bounces, args.targets.clone());
     for (spec, (reference, own)) in scenes.iter().zip(&references) {
-        let scene = scene::load(spec)?;
+        let mut scene = scene::load(spec)?;
+        scene.viewpoint = args.size.map(|(width, height)| Viewpoint { camera: 0, size: [width, height] });
         for warning in &scene.warnings {
             eprintln!("warning: {spec}: {warning}");
         }

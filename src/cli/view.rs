@@ -3,7 +3,7 @@
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
-use lightsheaf::scene::{self, EnvironmentChange, FovAxis, Projection, Scene};
+use lightsheaf::scene::{self, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
 
 /// Scene, camera and settings.
@@ -104,6 +104,7 @@ impl ViewArgs {
             (settings.width, settings.height) = size;
         }
         settings.check()?;
+        scene.viewpoint = Some(Viewpoint { camera: settings.camera, size: [settings.width, settings.height] });
         Ok(scene)
     }
 
@@ -133,7 +134,12 @@ impl ViewArgs {
     }
 
     fn pick_animation(&self, option: &str, scene: &Scene) -> Result<usize> {
-        let Some(rig) = &scene.rig else { bail!("{option}: {} has no animation", self.scene) };
+        let Some(rig) = &scene.rig else {
+            match &self.animation {
+                None if scene.moves() => return Ok(0),
+                _ => bail!("{option}: {} has no animation", self.scene),
+            }
+        };
         let Some(wanted) = &self.animation else { return Ok(0) };
         let named = rig.animations.iter().position(|a| a.name == *wanted);
         let numbered = || wanted.parse().ok().filter(|&i: &usize| i < rig.animations.len());

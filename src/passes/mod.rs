@@ -25,5 +25,6 @@ pub mod reservoirs;
 pub mod resolve;
 pub mod rsm;
 pub mod temporal;
+pub mod tessellate;
 pub mod view_lists;
 pub mod view_setup;

@@ -474,12 +474,14 @@ impl Rig {
 }
 
 impl Scene {
-    /// The scene in the pose of an animation at a time, in seconds, without a rig. A scene without a rig never changes.
+    /// The scene in the pose of an animation at a time, in seconds, without a rig. A scene without a rig changes by its displacements
+    /// alone.
     ///
     /// # Errors
     /// No such animation; a pose that is not finite.
     pub fn at(&self, animation: usize, seconds: f32) -> Result<Self, LoadError> {
         let mut out = self.clone();
+        out.seconds = seconds;
         let Some(rig) = out.rig.take() else { return Ok(out) };
         let failed = |cause: String| LoadError::at(&self.name, format!("animation {animation} at {seconds} s"), cause);
         let Some(chosen) = rig.animations.get(animation) else {

@@ -1,8 +1,10 @@
-//! The scene as one list of world-space triangles, in the order of instances and their meshes' triangles.
+//! The scene as one list of world-space triangles, in the order of instances and their meshes' triangles, those of refined meshes last.
 
-use glam::{Mat3A, Vec2, Vec3, Vec3A, Vec4};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
+use rayon::prelude::*;
 
-use super::Scene;
+use super::refine::{self, Refined};
+use super::{Mesh, Scene};
 
 /// One corner of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,6 +30,8 @@ pub struct Geometry {
     pub triangles: Vec<[u32; 3]>,
     /// Material of each triangle.
     pub materials: Vec<u32>,
+    /// Triangles that tessellation made, the last ones.
+    pub tessellated: usize,
     /// Corners of the bounding box; zero for an empty scene.
     pub bounds: [Vec3; 2],
 }
@@ -43,6 +47,15 @@ pub struct Origin {
     pub corners: Option<[u32; 3]>,
 }
 
+/// Where all vertices come from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sources {
+    /// Of meshes that are not refined: the first vertices.
+    pub origins: Vec<Origin>,
+    /// All others.
+    pub refined: Refined,
+}
+
 /// What normals go with where points go with `linear`; it also stands up to a singular transform.
 pub(super) fn cofactor(linear: Mat3A) -> Mat3A {
     Mat3A::from_cols(
@@ -52,6 +65,54 @@ pub(super) fn cofactor(linear: Mat3A) -> Mat3A {
     )
 }
 
+/// A mesh in the world.
+pub(super) struct Placed<'a> {
+    /// The mesh.
+    pub mesh: &'a Mesh,
+    /// Whether triangles turn their other side to the front.
+    pub mirrored: bool,
+    world_from_local: Affine3A,
+    cofactor: Mat3A,
+}
+
+impl<'a> Placed<'a> {
+    /// An instance of a scene.
+    pub fn new(scene: &'a Scene, instance: usize) -> Self {
+        let instance = &scene.instances[instance];
+        let linear = instance.world_from_local.matrix3;
+        Self {
+            mesh: &scene.meshes[instance.mesh],
+            mirrored: linear.determinant() < 0.0,
+            world_from_local: instance.world_from_local,
+            cofactor: cofactor(linear),
+        }
+    }
+
+    /// A vertex's place.
+    pub fn position(&self, index: usize) -> Vec3 {
+        self.world_from_local.transform_point3(self.mesh.positions[index])
+    }
+
+    /// A vertex; its normal is zero where the mesh has none for it.
+    pub fn vertex(&self, index: usize) -> Vertex {
+        let mesh = self.mesh;
+        Vertex {
+            position: self.position(index),
+            normal: mesh.normals.get(index).map_or(Vec3::ZERO, |&n| {
+                let world = Vec3::from(self.cofactor * Vec3A::from(n)) * if self.mirrored { -1.0 } else { 1.0 };
+                world.normalize_or_zero()
+            }),
+            tangent: mesh.tangents.get(index).map_or(Vec4::ZERO, |t| {
+                let linear = self.world_from_local.matrix3;
+                let world = Vec3::from(linear * Vec3A::from(t.truncate())).normalize_or_zero();
+                world.extend(if self.mirrored { -t.w } else { t.w })
+            }),
+            uvs: [0, 1].map(|set: usize| mesh.uvs[set].get(index).copied().unwrap_or_default()),
+            color: mesh.colors.get(index).copied().unwrap_or(Vec4::ONE),
+        }
+    }
+}
+
 impl Geometry {
     /// Flattens a scene. Triangles without area are left out: they can neither be hit nor seen.
     #[must_use]
@@ -59,80 +120,84 @@ impl Geometry {
         Self::flatten(scene, None)
     }
 
-    /// The same, with the origin of each vertex.
+    /// The same, with the origin of each vertex, for the device, which finds the normals of displaced surfaces: here these have those of
+    /// the surface before.
     #[must_use]
-    pub fn with_origins(scene: &Scene) -> (Self, Vec<Origin>) {
-        let mut origins = Vec::new();
-        (Self::flatten(scene, Some(&mut origins)), origins)
+    pub fn with_sources(scene: &Scene) -> (Self, Sources) {
+        let mut sources = Sources::default();
+        let geometry = Self::flatten(scene, Some(&mut sources));
+        (geometry, sources)
     }
 
-    fn flatten(scene: &Scene, mut origins: Option<&mut Vec<Origin>>) -> Self {
+    fn flatten(scene: &Scene, mut sources: Option<&mut Sources>) -> Self {
         let mut out = Self::default();
-        for (i, instance) in (0..).zip(&scene.instances) {
-            let mesh = &scene.meshes[instance.mesh];
-            let linear = instance.world_from_local.matrix3;
-            let cofactor = cofactor(linear);
-            let mirrored = linear.determinant() < 0.0;
-            let base = out.vertices.len() as u32;
-            let smooth = !mesh.normals.is_empty();
-            let vertex = |index: usize| Vertex {
-                position: instance.world_from_local.transform_point3(mesh.positions[index]),
-                normal: mesh.normals.get(index).map_or(Vec3::ZERO, |&n| {
-                    let world = Vec3::from(cofactor * Vec3A::from(n)) * if mirrored { -1.0 } else { 1.0 };
-                    world.normalize_or_zero()
-                }),
-                tangent: mesh.tangents.get(index).map_or(Vec4::ZERO, |t| {
-                    let world = Vec3::from(linear * Vec3A::from(t.truncate())).normalize_or_zero();
-                    world.extend(if mirrored { -t.w } else { t.w })
-                }),
-                uvs: [0, 1].map(|set: usize| mesh.uvs[set].get(index).copied().unwrap_or_default()),
-                color: mesh.colors.get(index).copied().unwrap_or(Vec4::ONE),
-            };
-            if smooth {
-                out.vertices.extend((0..mesh.positions.len()).map(vertex));
-                if let Some(origins) = &mut origins {
-                    let all = 0..mesh.positions.len() as u32;
-                    origins.extend(all.map(|vertex| Origin { instance: i, vertex, corners: None }));
-                }
-            }
-            for &[a, b, c] in &mesh.triangles {
-                let corners = if mirrored { [a, c, b] } else { [a, b, c] };
-                let p = corners.map(|i| instance.world_from_local.transform_point3(mesh.positions[i as usize]));
-                let flat = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
-                if flat == Vec3::ZERO {
-                    continue;
-                }
-                if let Some(origins) = &mut origins {
-                    if smooth {
-                        for c in corners {
-                            origins[(base + c) as usize].corners.get_or_insert(corners);
-                        }
-                    } else {
-                        origins.extend(corners.map(|vertex| Origin { instance: i, vertex, corners: Some(corners) }));
-                    }
-                }
-                let indices = if smooth {
-                    for i in corners {
-                        let normal = &mut out.vertices[(base + i) as usize].normal;
-                        if *normal == Vec3::ZERO {
-                            *normal = flat;
-                        }
-                    }
-                    corners.map(|i| base + i)
-                } else {
-                    let first = out.vertices.len() as u32;
-                    out.vertices.extend(corners.map(|i| Vertex { normal: flat, ..vertex(i as usize) }));
-                    [first, first + 1, first + 2]
-                };
-                out.triangles.push(indices);
-                out.materials.push(mesh.material as u32);
+        let is_refined = |i: &usize| scene.meshes[scene.instances[*i].mesh].refinement().is_some();
+        let (refined, plain): (Vec<_>, Vec<_>) = (0..scene.instances.len()).partition(is_refined);
+        for instance in plain {
+            out.add(scene, instance, sources.as_mut().map(|sources| &mut sources.origins));
+        }
+        if !refined.is_empty() {
+            let refined = refine::add(&mut out, scene, &refined, sources.is_none());
+            out.tessellated = out.triangles.len() - refined.first_triangle as usize;
+            if let Some(sources) = sources {
+                sources.refined = refined;
             }
         }
-        let used = || out.triangles.iter().flatten().map(|&i| out.vertices[i as usize].position);
-        if let Some(first) = used().next() {
-            out.bounds = used().fold([first; 2], |[low, high], p| [low.min(p), high.max(p)]);
-        }
+        let corners = |t: &[u32; 3]| t.map(|i| out.vertices[i as usize].position);
+        let bounds = out.triangles.par_iter().map(|t| {
+            let [a, b, c] = corners(t);
+            [a.min(b).min(c), a.max(b).max(c)]
+        });
+        out.bounds = bounds.reduce_with(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default();
         out
+    }
+
+    /// Adds an instance, and the origins of its vertices where they are asked for.
+    fn add(&mut self, scene: &Scene, instance: usize, mut origins: Option<&mut Vec<Origin>>) {
+        let placed = Placed::new(scene, instance);
+        let mesh = placed.mesh;
+        let instance = instance as u32;
+        let base = self.vertices.len() as u32;
+        let smooth = !mesh.normals.is_empty();
+        if smooth {
+            self.vertices.extend((0..mesh.positions.len()).map(|v| placed.vertex(v)));
+            if let Some(origins) = &mut origins {
+                let all = 0..mesh.positions.len() as u32;
+                origins.extend(all.map(|vertex| Origin { instance, vertex, corners: None }));
+            }
+        }
+        for &[a, b, c] in &mesh.triangles {
+            let corners = if placed.mirrored { [a, c, b] } else { [a, b, c] };
+            let p = corners.map(|i| placed.position(i as usize));
+            let flat = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+            if flat == Vec3::ZERO {
+                continue;
+            }
+            if let Some(origins) = &mut origins {
+                if smooth {
+                    for c in corners {
+                        origins[(base + c) as usize].corners.get_or_insert(corners);
+                    }
+                } else {
+                    origins.extend(corners.map(|vertex| Origin { instance, vertex, corners: Some(corners) }));
+                }
+            }
+            let indices = if smooth {
+                for i in corners {
+                    let normal = &mut self.vertices[(base + i) as usize].normal;
+                    if *normal == Vec3::ZERO {
+                        *normal = flat;
+                    }
+                }
+                corners.map(|i| base + i)
+            } else {
+                let first = self.vertices.len() as u32;
+                self.vertices.extend(corners.map(|i| Vertex { normal: flat, ..placed.vertex(i as usize) }));
+                [first, first + 1, first + 2]
+            };
+            self.triangles.push(indices);
+            self.materials.push(mesh.material as u32);
+        }
     }
 
     /// Middle of the bounding box and half its diagonal, metres; the latter is positive even for an empty scene.

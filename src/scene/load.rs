@@ -7,7 +7,7 @@ use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 use super::{
     Camera, Environment, EnvironmentChange, FovAxis, Geometry, Light, LoadError, Mesh, Projection, Scene, builtin,
-    gltf, mitsuba,
+    gltf, mitsuba, refine,
 };
 
 /// Most triangles of all instances together: corners have to be countable in 32 bits, with room for acceleration structures.
@@ -182,6 +182,14 @@ fn check_mesh(scene: &Scene, index: usize) -> Result<(), String> {
     if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&i| i as usize >= count)) {
         return Err(format!("triangle {t} refers to vertices {:?} of {count}", mesh.triangles[t]));
     }
+    if let Some(tessellation) = &mesh.tessellation {
+        tessellation.check()?;
+        let displacement = tessellation.displacement.as_ref();
+        let maps = scene.height_maps.len();
+        if let Some(map) = displacement.and_then(|d| d.height.map()).filter(|&map| map >= maps) {
+            return Err(format!("is displaced by height map {map} of {maps}"));
+        }
+    }
     if mesh.material >= scene.materials.len() {
         return Err(format!("refers to material {} of {}", mesh.material, scene.materials.len()));
     }
@@ -220,12 +228,22 @@ fn flat_emitters(scene: &Scene) -> usize {
 /// World-space bounds; on failure the instance at fault and the cause.
 pub(super) fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String)> {
     let mut bounds: Option<[Vec3; 2]> = None;
-    let mut triangles = 0_usize;
+    let (mut triangles, mut refined) = (0_usize, 0_u64);
     for (i, instance) in scene.instances.iter().enumerate() {
         let Some(mesh) = scene.meshes.get(instance.mesh) else {
             return Err((i, format!("refers to mesh {} of {}", instance.mesh, scene.meshes.len())));
         };
         triangles += mesh.triangles.len();
+        refined += refine::triangles(mesh);
+        if refined > refine::MAX_TRIANGLES && mesh.refinement().is_some() {
+            let most = refine::MAX_TRIANGLES;
+            return Err((
+                i,
+                format!(
+                    "tessellation would make {refined} triangles of the scene, more than {most}: lower the factors"
+                ),
+            ));
+        }
         if triangles > MAX_TRIANGLES {
             return Err((i, format!("the scene has more than {MAX_TRIANGLES} triangles")));
         }

@@ -2,6 +2,8 @@
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
+use super::tessellation::Tessellation;
+
 /// Triangles with one material, in their own space. Attribute arrays are empty or as long as `positions`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -21,6 +23,8 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
     pub material: usize,
+    /// How its surface is made finer; none: as it is.
+    pub tessellation: Option<Tessellation>,
 }
 
 /// A placement of a mesh.

@@ -14,6 +14,7 @@ pub mod environment;
 pub mod error;
 pub mod geometry;
 pub mod gltf;
+pub mod height;
 pub mod ies;
 pub mod light;
 pub mod load;
@@ -21,10 +22,12 @@ pub mod material;
 pub mod mesh;
 pub mod mitsuba;
 pub mod pattern;
+pub mod refine;
 pub mod shapes;
 pub mod sky;
 pub mod stats;
 pub mod tangents;
+pub mod tessellation;
 pub mod texture;
 
 pub use animation::{Pose, Rig};
@@ -33,12 +36,14 @@ pub use emitter::Emitter;
 pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
+pub use height::{Height, HeightMap, Wave};
 pub use light::{Cone, Lamp, Light, SpotFalloff};
 pub use load::{load, load_under};
 pub use material::{AlphaMask, Boundary, Bsdf, Color, Emission, Fresnel, Material, NormalMap, SMOOTH, Scalar, Sides};
 pub use mesh::{Instance, Mesh};
 pub use pattern::{Mapping, Pattern};
 pub use stats::SceneStats;
+pub use tessellation::{Displacement, EdgeFactor, Tessellation, Viewpoint};
 pub use texture::{Filter, Image, Texture, TextureRef, Wrap};
 
 /// Luminance of linear Rec. 709.
@@ -59,6 +64,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Pixels that textures index.
     pub images: Vec<Image>,
+    /// What surfaces are displaced by.
+    pub height_maps: Vec<HeightMap>,
     /// Punctual and directional lights. Emissive surfaces are materials with emission.
     pub lights: Vec<Light>,
     /// Directional patterns that lamps index.
@@ -71,6 +78,10 @@ pub struct Scene {
     pub rig: Option<Arc<Rig>>,
     /// How the meshes came to be what they are, in a scene that was posed.
     pub pose: Option<Pose>,
+    /// Since the beginning of what moves by itself, such as waves.
+    pub seconds: f32,
+    /// Whose pixels tessellation counts; none: those of the first camera's own image.
+    pub viewpoint: Option<Viewpoint>,
     /// One sentence per unsupported or repaired thing: what it is and what was done instead.
     pub warnings: Vec<String>,
 }
@@ -82,6 +93,14 @@ impl Scene {
         if !self.warnings.contains(&warning) {
             self.warnings.push(warning);
         }
+    }
+
+    /// A mesh before it was morphed and skinned.
+    #[must_use]
+    pub fn at_rest(&self, mesh: usize) -> &Mesh {
+        let rig = self.rig.as_ref().or(self.pose.as_ref().map(|pose| &pose.rig));
+        let shape = rig.and_then(|rig| rig.shapes.iter().find(|shape| shape.mesh == mesh));
+        shape.map_or(&self.meshes[mesh], |shape| &shape.base)
     }
 
     /// The scene for a method that cannot follow light through surfaces: glass is left out, so that light passes unbent, and

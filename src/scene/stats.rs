@@ -3,8 +3,9 @@
 use std::collections::HashSet;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
-use super::{Bsdf, Geometry, Light, Material, Scene};
+use super::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scene};
 
 /// Counts and extremes, taken once.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -36,6 +37,10 @@ pub struct SceneStats {
     pub masked_triangles: usize,
     /// Texels of the images that materials use.
     pub texels: u64,
+    /// Triangles that tessellation made.
+    pub tessellated_triangles: usize,
+    /// Whether their number depends on the view.
+    pub triangles_vary: bool,
     /// Whether any vertex has a colour.
     pub vertex_colors: bool,
     /// Half the diagonal of the bounding box, metres.
@@ -53,12 +58,14 @@ impl SceneStats {
             geometry.materials.iter().filter(|&&m| of[m as usize]).count()
         };
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
-        let sizes: f64 = (0..geometry.triangles.len())
-            .map(|i| {
-                let [a, b, c] = geometry.positions(i);
-                f64::from((0.5 * (b - a).cross(c - a).length()).sqrt())
-            })
-            .sum();
+        let size = |i: usize| {
+            let [a, b, c] = geometry.positions(i);
+            f64::from((0.5 * (b - a).cross(c - a).length()).sqrt())
+        };
+        // In parts, so that the sum is the same on any number of threads.
+        let parts: Vec<usize> = (0..geometry.triangles.len()).step_by(1 << 14).collect();
+        let part = |&first: &usize| (first..geometry.triangles.len().min(first + (1 << 14))).map(size).sum::<f64>();
+        let sizes: f64 = parts.par_iter().map(part).collect::<Vec<_>>().iter().sum();
         let shines: Vec<bool> = scene.materials.iter().map(shining).collect();
         let shining_triangles = (0..geometry.triangles.len()).filter(|&i| shines[geometry.materials[i] as usize]);
         let middles = shining_triangles.map(|i| geometry.positions(i).iter().sum::<Vec3>() / 3.0);
@@ -91,11 +98,34 @@ impl SceneStats {
             } else {
                 scene.images.iter().map(|i| u64::from(i.width) * u64::from(i.height)).sum()
             },
+            tessellated_triangles: geometry.tessellated,
+            triangles_vary: triangles_vary(scene),
             vertex_colors: scene.meshes.iter().any(|m| !m.colors.is_empty()),
             radius,
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }
     }
+}
+
+impl SceneStats {
+    /// Triangles that there is room for.
+    #[must_use]
+    pub fn triangle_room(&self) -> usize {
+        if self.triangles_vary { with_room(self.triangles) } else { self.triangles }
+    }
+}
+
+/// Whether the number of triangles depends on the view.
+#[must_use]
+pub fn triangles_vary(scene: &Scene) -> bool {
+    scene.meshes.iter().filter_map(Mesh::refinement).any(|t| matches!(t.factor, EdgeFactor::Pixels(_)))
+}
+
+/// A number with room above it, in steps of an eighth to a quarter of it: the same for what differs little.
+#[must_use]
+pub fn with_room(count: usize) -> usize {
+    let step = (count.max(64).next_power_of_two() / 8).max(8);
+    (count / step + 1) * step
 }
 
 /// Whether a material shines.

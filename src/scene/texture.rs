@@ -82,6 +82,15 @@ impl Image {
     /// # Errors
     /// A sentence saying what is wrong with the bytes.
     pub fn decode(bytes: &[u8], name: &str) -> Result<Self, String> {
+        let decoded = Self::open(bytes, name)?;
+        let rgba = decoded.into_rgba8();
+        let (width, height) = rgba.dimensions();
+        let texels = rgba.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
+        Ok(Self { name: name.to_owned(), width, height, texels })
+    }
+
+    /// The same in the file's own depth of colour.
+    pub(super) fn open(bytes: &[u8], name: &str) -> Result<image::DynamicImage, String> {
         let mut reader =
             image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
         if reader.format().is_none()
@@ -93,13 +102,10 @@ impl Image {
         limits.max_alloc = Some(Self::MAX_PIXELS * 8);
         reader.limits(limits);
         let decoded = reader.decode().map_err(|e| format!("the image cannot be decoded: {e}"))?;
-        let rgba = decoded.into_rgba8();
-        let (width, height) = rgba.dimensions();
-        if width == 0 || height == 0 {
+        if decoded.width() == 0 || decoded.height() == 0 {
             return Err("the image has no pixels".to_owned());
         }
-        let texels = rgba.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
-        Ok(Self { name: name.to_owned(), width, height, texels })
+        Ok(decoded)
     }
 }
 

@@ -1,5 +1,5 @@
 //! Scenes that need no file: the Cornell boxes of the reference images, others with mirrors, glass and water, scenes with a known
-//! answer, a displaced room, and halls of many lights.
+//! answer, a displaced room, halls of many lights, and surfaces that are tessellated and displaced.
 //!
 //! A name may carry a number after a colon where [`names`] says so. All scenes are deterministic.
 
@@ -7,6 +7,7 @@ mod analytic;
 mod cornell;
 mod displaced_room;
 mod many_lights;
+mod refined;
 mod spikes;
 
 use std::path::PathBuf;
@@ -91,6 +92,9 @@ const SCENES: &[Entry] = &[
         analytic::single_triangle,
         analytic::single_triangle_answer,
     ),
+    plain("phong_sphere", "sphere of 96 triangles as it is, and rounded by Phong tessellation", refined::phong_sphere),
+    plain("sea", "sea with a jetty in sunlight, displaced by waves that move (--at, --frames)", refined::sea),
+    plain("terrain", "hills in sunlight, displaced by noise, finer towards the camera", refined::terrain),
     Entry {
         name: "displaced_room",
         about: "closed room with rough walls; displaced_room:N has about N triangles, else 60000",

@@ -168,22 +168,8 @@ impl Materials {
             return Ok(None);
         }
         file.get(texture.source, &place, "images")?;
-        let mut out = Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb };
-        if let Some(sampler) = texture.sampler {
-            let s = file.get(sampler, &place, "samplers")?;
-            let place = format!("samplers[{}]", sampler.value());
-            for (wrap, mode) in out.wrap.iter_mut().zip([&s.wrap_s, &s.wrap_t]) {
-                *wrap = match mode {
-                    Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
-                    Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
-                    Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
-                    Checked::Invalid => return Err(file.error(place, "unknown wrapping mode")),
-                };
-            }
-            if matches!(s.mag_filter, Some(Checked::Valid(MagFilter::Nearest))) {
-                out.filter = Filter::Nearest;
-            }
-        }
+        let (wrap, filter) = wrap_modes(file, texture, &place)?;
+        let mut out = Texture { image: 0, wrap, filter, srgb };
         let key = (texture.source.value(), texture.sampler.map(|s| s.value()), srgb);
         let texture = match self.textures.get(&key) {
             Some(&known) => known,
@@ -215,24 +201,49 @@ impl Materials {
 
     /// Decodes the images that materials asked for.
     pub fn load_images(&self, file: &File) -> Result<Vec<Image>, LoadError> {
-        self.images
-            .par_iter()
-            .map(|&index| {
-                let place = format!("images[{}]", index.value());
-                let image = file.get(index, &place, "images")?;
-                let external = image.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
-                let name = external.map(str::to_owned).or_else(|| image.name.clone()).unwrap_or(place.clone());
-                let decode = |bytes: &[u8]| {
-                    let place = external.map_or(place.clone(), |uri| format!("{place} ({uri})"));
-                    Image::decode(bytes, &name).map_err(|cause| file.error(place, cause))
-                };
-                match (&image.uri, image.buffer_view) {
-                    (Some(uri), _) => decode(&file.fetch(uri, &place)?),
-                    (None, Some(view)) => decode(file.view(view, &place)?),
-                    (None, None) => Err(file.error(place, "has neither a uri nor a bufferView")),
-                }
-            })
-            .collect()
+        self.images.par_iter().map(|&index| read_image(file, index, Image::decode)).collect()
+    }
+}
+
+/// What a texture's sampler says of the image's edges and of the place between texels.
+pub(super) fn wrap_modes(file: &File, texture: &json::Texture, place: &str) -> Result<([Wrap; 2], Filter), LoadError> {
+    let (mut wraps, mut filter) = ([Wrap::Repeat; 2], Filter::Linear);
+    if let Some(sampler) = texture.sampler {
+        let s = file.get(sampler, place, "samplers")?;
+        let place = format!("samplers[{}]", sampler.value());
+        for (wrap, mode) in wraps.iter_mut().zip([&s.wrap_s, &s.wrap_t]) {
+            *wrap = match mode {
+                Checked::Valid(WrappingMode::Repeat) => Wrap::Repeat,
+                Checked::Valid(WrappingMode::MirroredRepeat) => Wrap::Mirror,
+                Checked::Valid(WrappingMode::ClampToEdge) => Wrap::Clamp,
+                Checked::Invalid => return Err(file.error(place, "unknown wrapping mode")),
+            };
+        }
+        if matches!(s.mag_filter, Some(Checked::Valid(MagFilter::Nearest))) {
+            filter = Filter::Nearest;
+        }
+    }
+    Ok((wraps, filter))
+}
+
+/// Decodes an image from its bytes and its name.
+pub(super) fn read_image<T>(
+    file: &File,
+    index: Index<json::Image>,
+    decode: impl Fn(&[u8], &str) -> Result<T, String>,
+) -> Result<T, LoadError> {
+    let place = format!("images[{}]", index.value());
+    let image = file.get(index, &place, "images")?;
+    let external = image.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
+    let name = external.map(str::to_owned).or_else(|| image.name.clone()).unwrap_or(place.clone());
+    let decode = |bytes: &[u8]| {
+        let place = external.map_or(place.clone(), |uri| format!("{place} ({uri})"));
+        decode(bytes, &name).map_err(|cause| file.error(place, cause))
+    };
+    match (&image.uri, image.buffer_view) {
+        (Some(uri), _) => decode(&file.fetch(uri, &place)?),
+        (None, Some(view)) => decode(file.view(view, &place)?),
+        (None, None) => Err(file.error(place, "has neither a uri nor a bufferView")),
     }
 }
 

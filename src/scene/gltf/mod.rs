@@ -13,6 +13,7 @@ mod file;
 mod lights;
 mod material;
 mod mesh;
+mod tessellation;
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -92,6 +93,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
         skins: HashMap::new(),
         meshes: HashMap::new(),
         profiles: HashMap::new(),
+        heights: HashMap::new(),
     }
     .run()
 }
@@ -167,6 +169,8 @@ struct Loader<'a> {
     meshes: HashMap<MeshKey, Vec<usize>>,
     /// Patterns of the light profiles that nodes show, and what their 1 stands for.
     profiles: HashMap<usize, (usize, f32)>,
+    /// Height maps of the textures that displace.
+    heights: HashMap<usize, usize>,
 }
 
 impl Loader<'_> {
@@ -333,6 +337,12 @@ impl Loader<'_> {
             let Some((mut out, mut deformation)) = loaded_primitive else { continue };
             out.material = material;
             out.name = mesh.name.clone().unwrap_or_else(|| place.clone());
+            if let Some(tessellation) = self.tessellation(mesh, primitive, &place)? {
+                if let Some(cause) = tessellation::lacks(&out, &tessellation) {
+                    return Err(self.file.error(place, cause));
+                }
+                tessellation.refine(&mut out);
+            }
             let moves = skin.is_some() || (weighted.is_some() && !deformation.targets.is_empty());
             match self.rig.as_mut().filter(|_| moves) {
                 // Its vertices stay the same ones in every pose: tangents that the file lacks are those of the undeformed mesh.

@@ -16,6 +16,7 @@ mod sensors;
 mod serialized;
 mod shapes;
 pub(in crate::scene) mod spectra;
+mod tessellation;
 mod textures;
 mod values;
 mod xml;

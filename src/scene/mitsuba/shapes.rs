@@ -120,6 +120,7 @@ impl<'a> Loader<'a> {
         if let Some(id) = element.attribute("id") {
             id.clone_into(&mut mesh.name);
         }
+        self.tessellation(&plugin, &mut mesh)?;
         let world_from_local = affine(element, Some(to_world))?;
         let emitter = plugin.only("emitter")?;
         let first = self.scene.meshes.len();

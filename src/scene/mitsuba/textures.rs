@@ -219,6 +219,13 @@ impl<'a> Loader<'a> {
                     .error(format!("filter_type is `{other}`; it has to be nearest or bilinear")));
             }
         };
+        let wrap = self.wrap_modes(plugin)?;
+        let transform = uv_transform(plugin)?;
+        Ok(TextureRef { transform, ..self.texture(Texture { image, wrap, filter, srgb }) })
+    }
+
+    /// How a bitmap goes on beyond its edges.
+    pub(super) fn wrap_modes(&mut self, plugin: &Plugin<'a>) -> Result<[Wrap; 2], LoadError> {
         let mut wrap = |name: &str| -> Result<Option<Wrap>, LoadError> {
             Ok(match plugin.string(name)? {
                 None => None,
@@ -232,9 +239,7 @@ impl<'a> Loader<'a> {
             })
         };
         let both = wrap("wrap_mode")?.unwrap_or(Wrap::Repeat);
-        let wrap = [wrap("wrap_mode_u")?.unwrap_or(both), wrap("wrap_mode_v")?.unwrap_or(both)];
-        let transform = uv_transform(plugin)?;
-        Ok(TextureRef { transform, ..self.texture(Texture { image, wrap, filter, srgb }) })
+        Ok([wrap("wrap_mode_u")?.unwrap_or(both), wrap("wrap_mode_v")?.unwrap_or(both)])
     }
 
     fn texture(&mut self, texture: Texture) -> TextureRef {
