@@ -112,6 +112,8 @@ pub struct Renderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
     lights: LightTable,
+    /// The same by power alone, where they are chosen for the view.
+    by_power: Option<LightTable>,
     camera: Camera,
     settings: Settings,
     plan: FramePlan,
@@ -142,7 +144,7 @@ impl<'gpu> Renderer<'gpu> {
     }
 
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
-        let Prepared { geometry, camera, plan, mut lights } =
+        let Prepared { geometry, camera, plan, lights } =
             Prepared::new(gpu, scene, Geometry::new(scene), settings, forced)?;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
         gpu_scene.stand_in(gpu, &[plan.surface_flags.as_slice(), &plan.light_flags].concat());
@@ -152,15 +154,11 @@ impl<'gpu> Renderer<'gpu> {
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
         let directions = environment.and_then(BundleDirections::new);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
-        if plan.lights_for_view {
-            lights.favour(&frame.light_gifts(gpu, &gpu_scene, &camera, &lights, settings)?);
-            gpu_scene.relight(gpu, &lights);
-        }
-        gpu.check()?;
-        Ok(Self {
+        let mut this = Self {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes, ..Default::default() },
             scene: gpu_scene,
+            by_power: plan.lights_for_view.then(|| lights.clone()),
             lights,
             camera,
             settings: settings.clone(),
@@ -168,7 +166,10 @@ impl<'gpu> Renderer<'gpu> {
             frame,
             deform: None,
             samples: 0,
-        })
+        };
+        this.favour_lights()?;
+        gpu.check()?;
+        Ok(this)
     }
 
     /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would make. Pipelines and
@@ -185,22 +186,45 @@ impl<'gpu> Renderer<'gpu> {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
-        let Prepared { geometry, camera, mut lights, .. } = prepared;
+        let Prepared { geometry, camera, lights, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, &lights);
         deform(self.gpu, &mut self.deform, &self.scene, scene, &origins)?;
         if self.plan.rays {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
         self.frame.forget_lights();
-        if self.plan.lights_for_view {
-            let gifts = self.frame.light_gifts(self.gpu, &self.scene, &camera, &lights, &self.settings)?;
-            lights.favour(&gifts);
-            self.scene.relight(self.gpu, &lights);
-        }
+        self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights) = (camera, lights);
+        self.favour_lights()?;
         self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
         self.restart(self.settings.seed);
         Ok(self.gpu.check()?)
+    }
+
+    /// Begins a picture of the same scene from elsewhere: the one that a new renderer would make. Nothing is built or uploaded.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn look(&mut self, camera: &Camera) -> Result<(), RenderError> {
+        self.camera = camera.clone();
+        if let Some(by_power) = &self.by_power {
+            self.lights = by_power.clone();
+            self.scene.relight(self.gpu, &self.lights);
+        }
+        self.favour_lights()?;
+        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.restart(self.settings.seed);
+        Ok(())
+    }
+
+    /// Has lights chosen for what they give the view, where the plan says so.
+    fn favour_lights(&mut self) -> Result<(), RenderError> {
+        if self.by_power.is_some() {
+            let gifts = self.frame.light_gifts(self.gpu, &self.scene, &self.camera, &self.lights, &self.settings)?;
+            self.lights.favour(&gifts);
+            self.scene.relight(self.gpu, &self.lights);
+        }
+        Ok(())
     }
 
     /// What each iteration does.
