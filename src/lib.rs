@@ -120,3 +120,5 @@ pub mod scene;
 pub mod settings;
 pub mod stress;
 pub mod view;
+#[cfg(feature = "viewer")]
+pub mod viewer;
