@@ -6,13 +6,17 @@
 //! picture costs, and either device may be lost without the other.
 //!
 //! Everything but the window is plain library code: [`stand`] moves the camera, [`knobs`] has every setting with its sentence,
-//! writes the command line that renders the same.
+//! [`grade`] brings radiance to the screen, [`pace`] chooses how coarse a moving picture is, [`state`] is what the user has chosen and
+//! writes the command line that renders the same, and [`ui`] turns it into egui's shapes.
 
 pub mod engine;
 pub mod grade;
 pub mod knobs;
 pub mod order;
 pub mod pace;
+pub mod screen;
 pub mod stand;
 pub mod state;
 pub mod studio;
+pub mod ui;
+pub mod window;
