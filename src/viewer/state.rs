@@ -1,5 +1,6 @@
 //! What the user has chosen and what there is to see: everything of the window that needs no window.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -397,8 +398,8 @@ impl State {
         if !side.layer.is_radiance() {
             left_out.push("the layer");
         }
-        let line = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "));
-        (line, left_out)
+        let line: Vec<_> = words.iter().map(|word| quoted(word)).collect();
+        (line.join(" "), left_out)
     }
 
     /// A file of the scene's name that is not there yet, in the current folder.
@@ -410,6 +411,15 @@ impl State {
         let named = |n: u32| PathBuf::from(format!("{stem}_{n:03}.{extension}"));
         (1..1000).map(named).find(|path| !path.exists()).unwrap_or_else(|| named(0))
     }
+}
+
+/// A word as shells read it, as it is where that is safe.
+fn quoted(word: &str) -> Cow<'_, str> {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-+=:,./@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        return Cow::Borrowed(word);
+    }
+    shlex::try_quote(word).unwrap_or(Cow::Borrowed(word))
 }
 
 #[cfg(test)]

@@ -32,6 +32,9 @@ const BATCH: f64 = 0.06;
 const BETWEEN: Duration = Duration::from_millis(80);
 /// The same where each is compared with the reference, which takes longer.
 const BETWEEN_ERRORS: Duration = Duration::from_millis(700);
+/// How far the studio steps back, in steps of `nice`: about a sixth of a processor that the window wants, too.
+#[cfg(target_os = "linux")]
+const NICE: i32 = 8;
 /// Most panes.
 pub const PANES: usize = 2;
 
@@ -107,7 +110,10 @@ impl Studio {
             shown: Default::default(),
             refused: None,
         };
-        let thread = std::thread::Builder::new().name("studio".to_owned()).spawn(move || worker.run(&open));
+        let thread = std::thread::Builder::new().name("studio".to_owned()).spawn(move || {
+            yield_to_others();
+            worker.run(&open);
+        });
         // Without a thread nothing is ever shown, and the window says so.
         let thread = thread.inspect_err(|e| note(&desk, Note::Wrong(format!("no thread to render in: {e}")))).ok();
         Self { commands: Some(commands), desk, thread }
@@ -136,6 +142,14 @@ impl Drop for Studio {
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
+    }
+}
+
+/// Has this thread, and those that it and a software driver start from it, step back behind the window's.
+fn yield_to_others() {
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::nice(NICE) {
+        log::info!("the studio keeps its priority: {error}");
     }
 }
 
@@ -349,37 +363,37 @@ impl Worker {
     ) -> Result<End, GpuError> {
         let mut judge = Judge { scene: &stage.scene, reference: None, truth: None };
         let mut order = first.clone();
-        loop {
-            let mut more = false;
-            for pane in 0..order.panes.len().min(PANES) {
-                if benches[pane].refused == Some(order.number) {
-                    continue;
-                }
-                match self.work(gpu, stage, &mut judge, &order, pane, &mut benches[pane]) {
-                    Ok(unfinished) => more |= unfinished,
+        let mut unfinished = [true; PANES];
+        for turn in 0.. {
+            let count = order.panes.len().clamp(1, PANES);
+            let pane = turn % count;
+            if benches[pane].refused != Some(order.number) {
+                let worked = self.work(gpu, stage, &mut judge, &order, pane, &mut benches[pane]);
+                unfinished[pane] = match worked {
+                    Ok(unfinished) => unfinished,
                     Err(RenderError::Gpu(error)) => return Err(error),
                     Err(RenderError::Setting(text)) => {
                         benches[pane] = Bench { refused: Some(order.number), ..Bench::default() };
                         self.say(Note::Wrong(text));
+                        false
                     }
-                }
+                };
             }
             // Whoever looks at one pane alone has no use for what the other would need.
-            if order.panes.len() == 1 {
+            if count == 1 {
                 benches[1] = Bench::default();
             }
-            if !self.receive(!more) {
+            if !self.receive(!unfinished[..count].contains(&true)) {
                 return Ok(End::Quit);
             }
-            let Some(now) = &self.order else { continue };
-            if now.number != order.number {
-                order = now.clone();
-                let same = self.loaded.as_ref().is_some_and(|(source, _)| *source == order.source);
-                if !same || (order.pose, &order.edits) != (stage.pose, &stage.edits) {
-                    return Ok(End::Restage);
-                }
+            let Some(now) = self.order.as_ref().filter(|now| now.number != order.number) else { continue };
+            (order, unfinished) = (now.clone(), [true; PANES]);
+            let same = self.loaded.as_ref().is_some_and(|(source, _)| *source == order.source);
+            if !same || (order.pose, &order.edits) != (stage.pose, &stage.edits) {
+                return Ok(End::Restage);
             }
         }
+        Ok(End::Restage)
     }
 
     /// A batch for a pane. Whether there is more to do.

@@ -127,10 +127,13 @@ impl Canvas {
 fn caption(state: &State, pane: usize) -> Option<String> {
     let side = &state.sides[pane];
     let picture = side.picture.as_ref()?;
-    let layer = layer_name(picture.layer);
+    let layer = match picture.layer {
+        Layer::Error => "error: red is too bright, blue too dark".to_owned(),
+        layer => layer_name(layer),
+    };
     let compared = picture.error.as_ref().map(|(error, samples)| {
         format!(
-            "rel_mse {:.2e}, FLIP {:.3}, mean {:+.1} %, against {samples} samples",
+            "rel_mse {:.2e}, FLIP {:.3}, mean {:+.1} %; reference: {samples} samples",
             error.rel_mse,
             error.flip,
             error.mean_bias * 100.0
@@ -152,7 +155,7 @@ pub fn layer_name(layer: Layer) -> String {
         Layer::Strategy(only) => {
             format!("strategy ({}, {}){}", only.s, only.t, if only.weighted { "" } else { ", unweighted" })
         }
-        Layer::Error => "error: red too bright, blue too dark".to_owned(),
+        Layer::Error => "error".to_owned(),
         Layer::Distance => "distance".to_owned(),
         Layer::Normal => "normals".to_owned(),
         Layer::Albedo => "albedo".to_owned(),

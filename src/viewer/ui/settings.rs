@@ -14,7 +14,7 @@ pub fn show(ui: &mut Ui, knobs: &[Knob], chosen: &mut Chosen) -> bool {
         if knob.heading != heading {
             heading.clone_from(&knob.heading);
             ui.add_space(4.0);
-            ui.label(RichText::new(heading.as_deref().unwrap_or_default()).small().weak());
+            ui.label(RichText::new(heading.as_deref().unwrap_or_default()).weak().italics());
         }
         changed |= row(ui, knob, chosen);
     }
