@@ -57,7 +57,8 @@ pub struct Frame {
     /// The film, and what an iteration keeps per pixel.
     pub pixels: PixelBuffers,
     scratch: Option<ViewScratch>,
-    light_vertices: wgpu::Buffer,
+    /// y1 and y2 of the last iteration.
+    pub light_vertices: wgpu::Buffer,
     demands: wgpu::Buffer,
     /// Non-finite values, bits of skipped iterations, then items and nodes that each view wanted.
     pub log: wgpu::Buffer,

@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use glam::Vec3;
+
 use crate::bundle_directions::BundleDirections;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
+use crate::layouts::LightVertex;
 use crate::light_table::{LightTable, Met};
 use crate::passes::deform::Deform;
 use crate::plan::FramePlan;
@@ -225,6 +228,18 @@ impl<'gpu> Renderer<'gpu> {
             self.scene.relight(self.gpu, &self.lights);
         }
         Ok(())
+    }
+
+    /// The VPLs of the last iteration, world space.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        let count = self.plan.light_vertices.saturating_sub(1) as usize;
+        let vertices: Vec<LightVertex> = read_back(self.gpu, &self.frame.light_vertices, count)?;
+        // One that was not made carries nothing.
+        let made = vertices.iter().filter(|v| v.throughput != [0.0; 3]);
+        Ok(made.map(|v| Vec3::from(v.position)).collect())
     }
 
     /// What each iteration does.

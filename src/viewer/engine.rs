@@ -1,5 +1,7 @@
 //! A method at work on one picture, whichever it is.
 
+use glam::Vec3;
+
 use crate::film::Film;
 use crate::gpu::Gpu;
 use crate::path_renderer::PathRenderer;
@@ -106,6 +108,17 @@ impl<'gpu> Engine<'gpu> {
                 non_finite: rounds.non_finite,
                 ..RenderStats::default()
             },
+        }
+    }
+
+    /// The VPLs of the last sample, where all pixels share them.
+    ///
+    /// # Errors
+    /// [`RenderError`].
+    pub fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        match self {
+            Self::Raster(renderer) => renderer.vpls(),
+            Self::Paths(_) | Self::Judge(_) => Ok(Vec::new()),
         }
     }
 

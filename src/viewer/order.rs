@@ -178,6 +178,8 @@ pub struct Picture {
     pub batch: (u64, f64),
     /// What each sample does and why.
     pub plan: Arc<str>,
+    /// Where the VPLs of its latest samples are, shares of the picture's width and height from its upper left corner.
+    pub vpls: Vec<[f32; 2]>,
     /// How far it is from the reference and how many samples that has, where it is shown.
     pub error: Option<(Comparison, u32)>,
     /// Whether no more samples will come.

@@ -128,6 +128,8 @@ pub struct State {
     pub edits: Edits,
     /// How it is shown.
     pub grade: Grade,
+    /// Whether VPLs are marked.
+    pub marks_vpls: bool,
     /// What the studio said, newest last.
     pub notes: Vec<Note>,
     /// Pictures a second, lately.
@@ -158,6 +160,7 @@ impl State {
             playback: None,
             edits: Edits::default(),
             grade: Grade::default(),
+            marks_vpls: false,
             notes: Vec::new(),
             pictures_a_second: 0.0,
             launch: Some(launch),

@@ -3,6 +3,7 @@
 //! The window never waits for it: orders go in through a channel, of which only the last counts, and what is finished lies on a
 //! [`Desk`], of which only the newest counts. Whatever changed begins anew; a lost device is opened again.
 
+use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -35,6 +36,8 @@ const BETWEEN_ERRORS: Duration = Duration::from_millis(700);
 /// How far the studio steps back, in steps of `nice`: about a sixth of a processor that the window wants, too.
 #[cfg(target_os = "linux")]
 const NICE: i32 = 8;
+/// VPLs that are remembered.
+const VPLS: usize = 512;
 /// Most panes.
 pub const PANES: usize = 2;
 
@@ -192,6 +195,8 @@ struct Bench<'gpu> {
     /// Seconds of a sample.
     each: f64,
     shown: Option<Instant>,
+    /// Of the latest samples, where they are in the picture.
+    vpls: VecDeque<[f32; 2]>,
     /// The order that it could not follow.
     refused: Option<u64>,
     /// Of the features that are shown.
@@ -430,6 +435,7 @@ impl Worker {
                     stats,
                     batch: (1, 0.0),
                     plan,
+                    vpls: Vec::new(),
                     error: None,
                     finished: true,
                 };
@@ -471,6 +477,14 @@ impl Worker {
             held.engine.render(count, || judge.from(&camera))?;
             let seconds = began.elapsed().as_secs_f64();
             bench.each = seconds / count as f64;
+            if before == 0 {
+                bench.vpls.clear();
+            }
+            for vpl in held.engine.vpls()? {
+                bench.vpls.extend(camera.project(vpl, width, height).map(|at| at.to_array()));
+            }
+            let surplus = bench.vpls.len().saturating_sub(VPLS);
+            bench.vpls.drain(..surplus);
             if !std::mem::take(&mut held.fresh) {
                 bench.pace.learn(coarseness, bench.each);
             }
@@ -490,6 +504,7 @@ impl Worker {
                     stats,
                     batch: (count, seconds),
                     plan,
+                    vpls: bench.vpls.iter().copied().collect(),
                     error: None,
                     finished,
                 };

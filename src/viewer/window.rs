@@ -75,10 +75,12 @@ impl Waits {
         self.oldest.get_or_insert((since, what));
     }
 
-    fn shown(&mut self) {
+    /// A frame that took so long to lay out is on the screen; the rest of the time went into drawing it, and into waiting.
+    fn shown(&mut self, laid_out: Duration, drawn: Duration) {
         if let Some((since, what)) = self.oldest.take() {
             let wait = since.elapsed();
-            log::debug!("{what} shown after {:.1} ms", wait.as_secs_f64() * 1e3);
+            let [wait_millis, laid_out, drawn] = [wait, laid_out, drawn].map(|time| time.as_secs_f64() * 1e3);
+            log::debug!("laid out in {laid_out:.1} ms, drawn in {drawn:.1} ms, {what} shown after {wait_millis:.1} ms");
             self.longest = self.longest.max(wait);
         }
     }
@@ -171,11 +173,12 @@ impl App {
         if let Some(order) = state.order(now) {
             self.studio.send(Command::Show(Box::new(order)));
         }
+        let laid_out = now.elapsed();
         let jobs = view.context.tessellate(output.shapes, output.pixels_per_point);
         let painting =
             Painting { jobs: &jobs, textures: &mut output.textures_delta, pixels_per_point: output.pixels_per_point };
         match screen.draw(painting) {
-            Drawn::Shown => self.waits.shown(),
+            Drawn::Shown => self.waits.shown(laid_out, now.elapsed() - laid_out),
             Drawn::NotNow => self.due = Some(now + AGAIN),
             Drawn::Lost => {
                 view.screen = None;

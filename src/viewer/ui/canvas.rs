@@ -60,6 +60,10 @@ impl Canvas {
                 let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
                 painter.image(texture.id(), rect, whole, Color32::WHITE);
             }
+            for [x, y] in picture.vpls.iter().filter(|_| state.marks_vpls) {
+                let at = rect.min + vec2(x * rect.width(), y * rect.height());
+                painter.circle(at, 2.5, Color32::YELLOW, Stroke::new(1.0, Color32::BLACK));
+            }
             if let Some(text) = caption(state, pane) {
                 let left = part.left() + 8.0;
                 let galley = painter.layout_no_wrap(text, FontId::proportional(12.0), Color32::WHITE);

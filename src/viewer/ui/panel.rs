@@ -123,12 +123,14 @@ impl Interface {
     fn display(&mut self, ui: &mut Ui, state: &mut State) {
         ui.add(Slider::new(&mut state.grade.stops, STOPS).text("stops").step_by(0.1))
             .on_hover_text("Exposure: values are multiplied by 2 to this");
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             for (curve, name) in Curve::ALL {
                 ui.selectable_value(&mut state.grade.curve, curve, name);
             }
         });
-        ui.horizontal(|ui| {
+        ui.checkbox(&mut state.marks_vpls, "mark VPLs")
+            .on_hover_text("Light vertices y1 and y2 of the latest samples of raster and twin");
+        ui.horizontal_wrapped(|ui| {
             for (extension, text, hint) in
                 [("png", "save PNG", "As it is shown (P)"), ("exr", "save EXR", "Radiance as it was computed (X)")]
             {
