@@ -93,7 +93,10 @@ impl Side {
 
     /// Switches to another method; options that it does not have go back to their defaults.
     pub fn use_method(&mut self, method: Method) {
-        self.chosen.0.insert("method".to_owned(), method.to_string());
+        match method {
+            _ if method == Settings::default().method => self.chosen.0.remove("method"),
+            _ => self.chosen.0.insert("method".to_owned(), method.to_string()),
+        };
         self.chosen.settle();
         self.settle();
     }

@@ -567,13 +567,15 @@ fn card(scene: &Scene) -> Card {
         (radiance != Vec3::ZERO && used(index)).then(|| (index, material.name.clone(), radiance))
     });
     let geometry = Geometry::new(scene);
+    let clear = scene.materials.iter().any(|m| m.bsdf.transmits());
+    let warnings = if clear { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
     Card {
         spec: scene.name.clone(),
         cameras: scene.cameras.clone(),
         animations: scene.rig.iter().flat_map(|rig| &rig.animations).map(|a| (a.name.clone(), a.seconds())).collect(),
         lights: scene.lights.clone(),
         emissions: emissions.collect(),
-        warnings: scene.warnings.clone(),
+        warnings,
         triangles: geometry.triangles.len(),
         sphere: geometry.sphere(),
     }

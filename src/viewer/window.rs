@@ -240,10 +240,13 @@ impl ApplicationHandler<Wake> for App {
         let desk = self.studio.take();
         if let Some(picture) = &desk.pictures[0] {
             log::debug!("picture of {} samples at 1/{}", picture.stats.samples, picture.coarseness);
-            if picture.coarseness == 1 && picture.stats.samples.ilog2() != self.samples.max(1).ilog2() {
+            if picture.coarseness == 1 && picture.stats.samples.max(1).ilog2() != self.samples.max(1).ilog2() {
                 log::info!("{} samples by {}", picture.stats.samples, self.state.sides[0].settings.method);
             }
             self.samples = picture.stats.samples;
+        }
+        if let (Some(card), Some(view)) = (&desk.card, &self.view) {
+            view.window.set_title(&format!("{} - Lightsheaf", card.spec));
         }
         self.state.accept(desk, Instant::now());
         self.redraw();

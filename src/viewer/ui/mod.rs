@@ -35,14 +35,20 @@ pub struct Interface {
     knobs: Vec<Knob>,
     canvas: Canvas,
     hides_panel: bool,
-    /// What is typed as a scene.
-    spec: Option<String>,
+    /// What is typed in place of which scene.
+    spec: [String; 2],
     actions: Vec<Action>,
 }
 
 impl Default for Interface {
     fn default() -> Self {
-        Self { knobs: knobs(), canvas: Canvas::default(), hides_panel: false, spec: None, actions: Vec::new() }
+        Self {
+            knobs: knobs(),
+            canvas: Canvas::default(),
+            hides_panel: false,
+            spec: Default::default(),
+            actions: Vec::new(),
+        }
     }
 }
 
@@ -181,4 +187,134 @@ fn summary(picture: &Picture) -> String {
 #[must_use]
 pub fn file_of(state: &State, extension: &str) -> (usize, PathBuf, Grade) {
     (if state.compares { state.active } else { 0 }, state.free_file(extension), state.grade)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::time::Instant;
+
+    use super::*;
+    use crate::film::Film;
+    use crate::renderer::RenderStats;
+    use crate::scene::{EnvironmentChange, builtin};
+    use crate::settings::Settings;
+    use crate::viewer::order::{Card, Machine};
+    use crate::viewer::state::Launch;
+    use crate::viewer::studio::Desk;
+
+    /// The interface without a window.
+    struct Desktop {
+        context: Context,
+        interface: Interface,
+        state: State,
+        size: egui::Vec2,
+    }
+
+    impl Desktop {
+        fn new() -> Self {
+            let context = Context::default();
+            style(&context);
+            let mut state = State::new(Launch {
+                spec: "builtin:cornell_point".to_owned(),
+                environment: EnvironmentChange::default(),
+                settings: Settings::default(),
+                camera: None,
+                stand: None,
+                fov: None,
+                animation: None,
+                at: None,
+            });
+            let scene = builtin::load("cornell_point").unwrap();
+            let card = Card {
+                spec: "builtin:cornell_point".to_owned(),
+                cameras: scene.cameras,
+                lights: scene.lights,
+                animations: vec![("walk".to_owned(), 2.0)],
+                sphere: (glam::Vec3::ZERO, 2.0),
+                ..Card::default()
+            };
+            let picture = Picture {
+                order: 1,
+                film: Arc::new(Film::new(8, 6)),
+                layer: Layer::Light,
+                coarseness: 1,
+                stats: RenderStats { samples: 3, ..RenderStats::default() },
+                batch: (1, 0.01),
+                plan: "plan".into(),
+                vpls: vec![[0.5, 0.5]],
+                error: None,
+                finished: false,
+            };
+            let desk = Desk { card: Some(card), pictures: [Some(picture), None], ..Desk::default() };
+            state.accept(desk, Instant::now());
+            Self { context, interface: Interface::default(), state, size: egui::vec2(640.0, 360.0) }
+        }
+
+        fn frame(&mut self, events: Vec<egui::Event>) -> Vec<Action> {
+            let screen_rect = Some(egui::Rect::from_min_size(egui::Pos2::ZERO, self.size));
+            let input = egui::RawInput { screen_rect, events, ..egui::RawInput::default() };
+            let (interface, state, mut actions) = (&mut self.interface, &mut self.state, Vec::new());
+            let mut output = self.context.run_ui(input, |ui| actions.extend(interface.show(ui, state, 0.02)));
+            output.textures_delta.clear();
+            actions
+        }
+
+        fn key(&mut self, key: Key) -> Vec<Action> {
+            let event = |pressed| egui::Event::Key {
+                key,
+                physical_key: None,
+                pressed,
+                repeat: false,
+                modifiers: egui::Modifiers::NONE,
+            };
+            let actions = self.frame(vec![event(true)]);
+            self.frame(vec![event(false)]);
+            actions
+        }
+    }
+
+    #[test]
+    fn keys_choose() {
+        let mut desktop = Desktop::new();
+        desktop.frame(Vec::new());
+        for (key, method) in [(Key::Num4, Method::Path), (Key::Num5, Method::Reference), (Key::Num1, Method::Raster)] {
+            desktop.key(key);
+            assert_eq!(desktop.state.sides[0].settings.method, method);
+        }
+        desktop.state.machine = Machine { no_rays: Some("no rays".to_owned()), ..Machine::default() };
+        desktop.key(Key::Num2);
+        assert_eq!(desktop.state.sides[0].settings.method, Method::Raster, "the machine has no twin");
+        desktop.key(Key::N);
+        assert_eq!(desktop.state.sides[0].layer, Layer::Normal);
+        desktop.key(Key::W);
+        assert!(desktop.state.stand.is_some());
+        desktop.key(Key::R);
+        assert!(desktop.state.stand.is_none());
+        desktop.key(Key::C);
+        assert_eq!((desktop.state.compares, desktop.state.active), (true, 1));
+        desktop.key(Key::C);
+        desktop.key(Key::Space);
+        assert!(desktop.state.playback.is_some_and(|p| p.playing));
+        assert_eq!(desktop.key(Key::P), [Action::Save("png")]);
+        assert_eq!(desktop.key(Key::X), [Action::Save("exr")]);
+    }
+
+    #[test]
+    fn every_size_and_layer_is_laid_out() {
+        let mut desktop = Desktop::new();
+        for size in [[320.0, 200.0], [640.0, 360.0], [1280.0, 720.0], [1.0, 1.0], [4000.0, 100.0]] {
+            desktop.size = size.into();
+            for layer in [Layer::Light, Layer::Error, Layer::Albedo] {
+                desktop.state.sides[0].layer = layer;
+                desktop.state.compares = layer == Layer::Error;
+                desktop.state.marks_vpls = true;
+                desktop.frame(Vec::new());
+            }
+            let order = desktop.state.order(Instant::now()).unwrap();
+            let settings = &order.panes[0].settings;
+            assert!(settings.width >= 1 && f64::from(settings.width) <= f64::from(size[0]).max(1.0));
+            assert_eq!(settings.check(), Ok(()));
+        }
+    }
 }

@@ -143,7 +143,10 @@ impl Interface {
     }
 
     fn scene(&mut self, ui: &mut Ui, state: &mut State) {
-        let text = self.spec.get_or_insert_with(|| state.source.spec.clone());
+        if self.spec[1] != state.source.spec {
+            self.spec = [(); 2].map(|()| state.source.spec.clone());
+        }
+        let text = &mut self.spec[0];
         let edit = egui::TextEdit::singleline(text).desired_width(f32::INFINITY);
         let entered = ui.add(edit).lost_focus() && ui.input(|i| i.key_pressed(egui::Key::Enter));
         if ui.button("open").clicked() || entered {
@@ -153,9 +156,7 @@ impl Interface {
         ui.horizontal_wrapped(|ui| {
             for (name, about) in crate::scene::builtin::names() {
                 if ui.small_button(name).on_hover_text(about).clicked() {
-                    let spec = format!("builtin:{name}");
-                    state.open(&spec);
-                    self.spec = Some(spec);
+                    state.open(&format!("builtin:{name}"));
                 }
             }
         });
