@@ -80,7 +80,7 @@ impl Table {
     pub fn look_up(&self, value: f32) -> u8 {
         let bits = value.to_bits();
         // Negative values and NaN are black, what is too bright, infinity too, as bright as can be.
-        if !(value > 0.0) {
+        if value.is_nan() || value <= 0.0 {
             return 0;
         }
         let index = (bits >> (23 - MANTISSA)).saturating_sub(EXPONENTS.start << MANTISSA) as usize;

@@ -341,7 +341,8 @@ impl Worker {
             let scene = scene::load_under(&order.source.spec, &order.source.environment)
                 .map_err(|e| Note::NotLoaded(e.to_string()))?;
             log::info!("loaded {}", order.source.spec);
-            self.desk.lock().unwrap_or_else(PoisonError::into_inner).card = Some(card(&scene));
+            let shares = order.panes.iter().any(|pane| pane.settings.method.shares_subpaths());
+            self.desk.lock().unwrap_or_else(PoisonError::into_inner).card = Some(card(&scene, shares));
             self.shown = Default::default();
             self.loaded = Some((order.source.clone(), scene));
             (self.wake)();
@@ -560,7 +561,8 @@ fn show_feature(features: Features, layer: Layer) -> Film {
     }
 }
 
-fn card(scene: &Scene) -> Card {
+/// What the window needs to know; with the warnings of methods that cannot follow light through surfaces, where one `shares` subpaths.
+fn card(scene: &Scene, shares: bool) -> Card {
     let used = |material: usize| scene.instances.iter().any(|i| scene.meshes[i.mesh].material == material);
     let emissions = scene.materials.iter().enumerate().filter_map(|(index, material)| {
         let radiance = material.emission?.radiance.factor;
@@ -568,7 +570,7 @@ fn card(scene: &Scene) -> Card {
     });
     let geometry = Geometry::new(scene);
     let clear = scene.materials.iter().any(|m| m.bsdf.transmits());
-    let warnings = if clear { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
+    let warnings = if clear && shares { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
     Card {
         spec: scene.name.clone(),
         cameras: scene.cameras.clone(),
