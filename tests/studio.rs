@@ -11,6 +11,7 @@ use glam::Vec3;
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::compare;
+use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive, Renderer};
 use lightsheaf::scene::{EnvironmentChange, Light, Scene, builtin};
@@ -144,6 +145,36 @@ fn pictures_are_those_of_a_renderer_from_everywhere_and_under_every_light() {
     assert!(coarse.coarseness > 1);
     let rested = bench.show(looking);
     assert_eq!(bench.picture(rested, 1).film.width, 48);
+}
+
+/// Also where lights are chosen for what they give the view, and through a lens.
+#[test]
+fn looking_elsewhere_is_what_a_new_renderer_shows() {
+    let (Some(plain), Some(rays)) = (common::gpu(), common::gpu_with_ray_queries()) else { return };
+    let scene = builtin::load("point_hall:64").unwrap();
+    let mut moved = scene.clone();
+    let stand = Stand::of(&scene.cameras[0], 3.0);
+    let elsewhere = Stand { eye: stand.eye + Vec3::new(0.3, 0.2, -0.5), ..stand };
+    let camera = elsewhere.camera(&scene.cameras[0]).with_lens(Some(0.02), Some(2.0)).unwrap();
+    moved.cameras[0] = camera.clone();
+    let film = |renderer: &mut dyn Progressive| {
+        renderer.render(3, &mut |_| true).unwrap();
+        renderer.film().unwrap()
+    };
+    let raster = settings(Method::Raster);
+    let mut renderer = Renderer::new(plain, &scene, &raster).unwrap();
+    assert!(renderer.plan().lights_for_view, "scope");
+    let before = film(&mut renderer);
+    renderer.look(&camera).unwrap();
+    let after = film(&mut renderer);
+    assert_eq!(after, film(&mut Renderer::new(plain, &moved, &raster).unwrap()));
+    assert_ne!(before, after, "canary");
+
+    let paths = settings(Method::RayQuery);
+    let mut renderer = PathRenderer::new(rays, &scene, &paths).unwrap();
+    film(&mut renderer);
+    renderer.look(&camera);
+    assert_eq!(film(&mut renderer), film(&mut PathRenderer::new(rays, &moved, &paths).unwrap()));
 }
 
 #[test]

@@ -137,9 +137,9 @@ fn lights_settings_and_windows_change() {
     let mut viewer = display.view(&folder.0, &["builtin:cornell_point", "--size", "640x360", "--bounces", "1"]);
     let start = seen(&viewer);
     // The section of lights, and its strength dragged down.
-    viewer.click(50, 242);
+    viewer.click(50, 263);
     viewer.listen(Duration::from_secs(2));
-    viewer.drag("1", [70, 263], [10, 263]);
+    viewer.drag("1", [70, 284], [10, 284]);
     check(&mut viewer, "lights");
     assert!(difference(&seen(&viewer), &start) > TOLERANCE);
     // Large, minimized and back, and as small as it gets.
