@@ -1,7 +1,7 @@
 //! What the active side's picture took: the plan, the time of each pass, counts.
 
-use egui::{RichText, Ui};
-use egui_plot::{Bar, BarChart, Plot};
+use egui::{Color32, RichText, Ui};
+use egui_plot::{AxisHints, Bar, BarChart, GridMark, Plot};
 
 use crate::viewer::order::Picture;
 use crate::viewer::state::State;
@@ -18,7 +18,8 @@ pub fn plan(ui: &mut Ui, picture: &Picture) {
 pub fn times(ui: &mut Ui, picture: &Picture) {
     let samples = picture.batch.0.max(1) as f64;
     let each = |(name, time): (&&'static str, &crate::gpu::PassTime)| (*name, time.gpu_millis / samples);
-    let passes: Vec<(&str, f64)> = picture.stats.passes.iter().map(each).filter(|(_, millis)| *millis > 0.0).collect();
+    let passes: Vec<(&'static str, f64)> =
+        picture.stats.passes.iter().map(each).filter(|(_, millis)| *millis > 0.0).collect();
     let total: f64 = passes.iter().map(|(_, millis)| millis).sum();
     if total == 0.0 {
         ui.label("No pass was timed: the device has no clock, or the CPU renders.");
@@ -31,10 +32,15 @@ pub fn times(ui: &mut Ui, picture: &Picture) {
         .iter()
         .enumerate()
         .map(|(n, (name, millis))| Bar::new(n as f64, *millis).name(format!("{name}: {millis:.3} ms")).width(0.7));
-    let names: Vec<String> = sorted.iter().map(|(name, _)| (*name).to_owned()).collect();
-    let chart = BarChart::new("passes", bars.collect()).horizontal().color(ui.visuals().selection.bg_fill);
+    let chart = BarChart::new("passes", bars.collect()).horizontal().color(Color32::from_rgb(90, 160, 230));
+    let count = sorted.len();
+    let marks = move |_| (0..count).map(|n| GridMark { value: n as f64, step_size: 1.0 }).collect();
+    let names: Vec<&'static str> = sorted.iter().map(|(name, _)| *name).collect();
+    let name =
+        move |mark: GridMark, _: &_| names.get(mark.value as usize).map_or(String::new(), |&name| name.to_owned());
+    let axis = AxisHints::new_y().formatter(name).label_spacing(4.0..=8.0).min_thickness(78.0);
     Plot::new("times")
-        .height(26.0 + 15.0 * sorted.len() as f32)
+        .height(26.0 + 15.0 * count as f32)
         .allow_drag(false)
         .allow_zoom(false)
         .allow_scroll(false)
@@ -43,13 +49,8 @@ pub fn times(ui: &mut Ui, picture: &Picture) {
         .show_x(false)
         .show_y(false)
         .include_x(0.0)
-        .y_axis_min_width(80.0)
-        .y_grid_spacer(move |_| {
-            (0..names.len()).map(|n| egui_plot::GridMark { value: n as f64, step_size: 1.0 }).collect()
-        })
-        .y_axis_formatter(move |mark, _| {
-            sorted.get(mark.value.round().max(0.0) as usize).map(|(name, _)| (*name).to_owned()).unwrap_or_default()
-        })
+        .custom_y_axes(vec![axis])
+        .y_grid_spacer(marks)
         .show(ui, |plot| plot.bar_chart(chart));
 }
 
