@@ -216,8 +216,9 @@ fn soak(time: Duration, seed: u64) {
     let of = |line: &String| line.split_whitespace().rev().nth(1).and_then(|n| n.parse().ok()).unwrap_or(0.0);
     let longest = viewer.heard("shown after").map(of).fold(0.0, f64::max);
     println!("{turns} turns, {inputs} inputs, the longest wait {longest:.0} ms; megabytes at rest: {memory:.0?}");
-    // What is open differs from turn to turn, so peaks are compared: the first third of the time warms up.
-    let (warm, rest) = memory.split_at(memory.len() / 3);
+    // What is open differs from turn to turn, and allocators keep what they once had, so peaks are compared: that of the last third
+    // with the one before.
+    let (warm, rest) = memory.split_at(memory.len() * 2 / 3);
     let peak = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     if warm.len() >= 8 {
         println!("the peak grows by {:.1} %", 100.0 * (peak(rest) / peak(warm) - 1.0));
