@@ -5,6 +5,9 @@
 #   a Vulkan loader    finds the drivers (not needed on macOS, which has Metal)
 #   a Vulkan device    a GPU's driver; where there is none, Mesa's software driver, which renders on the CPU
 #
+# With --window also what `lightsheaf view` needs (the libraries of X11), with --tests also a display that nobody sees, hands and
+# eyes (Xvfb, xdotool, xwd), by which the tests use its window.
+#
 # Knows Debian 12 (Mesa from backports, whose version has ray queries), Debian 13 and Ubuntu 24.04 or later. Elsewhere it
 # says what to install. With --check it only says what is missing, and fails if anything is.
 set -euo pipefail
@@ -46,6 +49,16 @@ has_device() {
     return 1
 }
 
+window="" tests="" check=""
+for option in "$@"; do
+    case $option in
+        --window) window=yes ;;
+        --tests) window=yes tests=yes ;;
+        --check) check=yes ;;
+        *) fail "unknown option $option: there are --window, --tests and --check" ;;
+    esac
+done
+
 missing=()
 look() {
     missing=()
@@ -54,6 +67,17 @@ look() {
     libraries=$(PATH=$PATH:/sbin:/usr/sbin ldconfig -p 2>/dev/null || true)
     known_library libvulkan.so.1 || missing+=(loader)
     has_device || missing+=(driver)
+    local library tool
+    if [[ $window ]]; then
+        for library in libX11.so.6 libXcursor.so.1 libXi.so.6 libxkbcommon-x11.so.0; do
+            known_library $library || { missing+=(x11) && break; }
+        done
+    fi
+    if [[ $tests ]]; then
+        for tool in Xvfb xdotool xwd; do
+            command -v $tool >/dev/null || { missing+=(display) && break; }
+        done
+    fi
 }
 
 reason() {
@@ -61,6 +85,8 @@ reason() {
         compiler) echo "a C++ compiler (Rust links with it, and the FLIP metric is C++)" ;;
         loader) echo "the Vulkan loader libvulkan.so.1 (finds graphics drivers)" ;;
         driver) echo "a Vulkan device (none was found; Mesa's software driver renders on the CPU)" ;;
+        x11) echo "libraries of X11 (the viewer's window)" ;;
+        display) echo "Xvfb, xdotool and xwd (a display, hands and eyes for the tests of the viewer)" ;;
     esac
 }
 
@@ -69,7 +95,7 @@ reason() {
 look
 [[ ${#missing[@]} -eq 0 ]] && exit 0
 for thing in "${missing[@]}"; do say "missing: $(reason "$thing")"; done
-[[ ${1:-} == --check ]] && exit 1
+[[ $check ]] && exit 1
 
 ID="" VERSION_ID="" VERSION_CODENAME=""
 # shellcheck disable=SC1091
@@ -97,6 +123,8 @@ for thing in "${missing[@]}"; do
     case $thing in
         compiler) packages+=(g++) ;;
         loader) packages+=(libvulkan1) ;;
+        x11) packages+=(libx11-6 libxcursor1 libxi6 libxkbcommon-x11-0) ;;
+        display) packages+=(xvfb xdotool x11-apps) ;;
         driver) if [[ $backports ]]; then from_backports+=(mesa-vulkan-drivers); else packages+=(mesa-vulkan-drivers); fi ;;
     esac
 done

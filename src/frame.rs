@@ -60,7 +60,8 @@ pub struct Frame {
     /// Where pictures are filtered frame by frame.
     pub live: Option<Live>,
     scratch: Option<ViewScratch>,
-    light_vertices: wgpu::Buffer,
+    /// y1 and y2 of the last iteration.
+    pub light_vertices: wgpu::Buffer,
     /// What the last iteration's camera saw.
     seen: layouts::Frame,
     demands: wgpu::Buffer,

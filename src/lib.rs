@@ -88,6 +88,11 @@
 //! - **iteration** or **sample** of `raster`: one light subpath and one set of bundles for every pixel. Of the others: one path,
 //!   or one subpath of either side, for each pixel.
 //!
+//! # In a window
+//!
+//! `viewer` (cargo feature of that name, on by default) shows a scene while it is rendered: one thread renders what was ordered last, another
+//! owns the window and never waits for it.
+//!
 //! # Under stress
 //!
 //! [`stress`] is a battery of odd scenes, sizes and values, each with what is right; [`gpu::NonFinite`] says which pass made a
@@ -97,7 +102,7 @@
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
 //! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`mod@bench`]. Nothing imports
-//! the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and
+//! `viewer` or the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and
 //! `shaders/visibility`, never another pass.
 //!
 //! # Shaders
@@ -134,3 +139,5 @@ pub mod scene;
 pub mod settings;
 pub mod stress;
 pub mod view;
+#[cfg(feature = "viewer")]
+pub mod viewer;

@@ -33,7 +33,7 @@ pub enum Met {
 const STEPS: f64 = (1 << 24) as f64;
 
 /// The lights, as the shaders read them.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct LightTable {
     /// One each, those infinitely far away last; where there is none, one that nothing chooses.
     pub records: Vec<LightRecord>,

@@ -128,7 +128,12 @@ impl Live {
         (self.before, self.still, self.moved) = (None, 0, false);
     }
 
-    /// Something is about to change: camera, lights, or vertices, whose places are kept.
+    /// The camera has moved.
+    pub fn look(&mut self) {
+        self.still = 0;
+    }
+
+    /// Something is about to change: lights, or vertices, whose places are kept.
     pub fn change(&mut self, gpu: &Gpu, scene: &GpuScene) {
         self.still = 0;
         if self.before.is_none() || self.moved {

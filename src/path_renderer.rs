@@ -71,12 +71,12 @@ impl Prepared {
             check_binding(gpu, "the tree over its lights", size_of_val(tree.nodes.as_slice()))?;
             light_nodes = Some(tree.nodes);
         }
-        let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
+        let [lens_radius, focus] = lens_of(&camera);
         let constants = layouts::Paths {
             seed: settings.seed,
             bounces: plan.bounces,
-            lens_radius: lens.map_or(0.0, |l| l.radius),
-            focus: lens.map_or(1.0, |l| l.focus),
+            lens_radius,
+            focus,
             only_s: ANY,
             only_t: ANY,
             splat_scale: splat_scale(table.power, geometry.sphere().1),
@@ -185,6 +185,15 @@ impl<'gpu> PathRenderer<'gpu> {
         Ok(self.gpu.check()?)
     }
 
+    /// Begins a picture of the same scene from elsewhere: the one that a new renderer would make. Nothing is built or uploaded.
+    pub fn look(&mut self, camera: &Camera) {
+        let described = describe_camera(camera, &self.settings);
+        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
+        [self.constants.lens_radius, self.constants.focus] = lens_of(camera);
+        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.restart(self.constants.seed);
+    }
+
     /// Begins anew, with one strategy that counts or with all.
     pub fn count_only(&mut self, only: Option<OnlyStrategy>) {
         self.constants.only_s = only.map_or(ANY, |o| o.s);
@@ -285,6 +294,12 @@ impl Progressive for PathRenderer<'_> {
             ..self.stats.clone()
         }
     }
+}
+
+/// Radius and focus of a camera's lens, in metres; radius 0 of a pinhole and of parallel cameras.
+fn lens_of(camera: &Camera) -> [f32; 2] {
+    let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
+    lens.map_or([0.0, 1.0], |l| [l.radius, l.focus])
 }
 
 /// Whether the device can bind so many bytes of what only many lights need.

@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use glam::Vec3;
+
 use crate::bundle_directions::BundleDirections;
 use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
+use crate::layouts::LightVertex;
 use crate::light_table::{LightTable, Met};
 use crate::plan::FramePlan;
 use crate::posing::Posing;
@@ -111,6 +114,8 @@ pub struct Renderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
     lights: LightTable,
+    /// The same by power alone, where they are chosen for the view.
+    by_power: Option<LightTable>,
     camera: Camera,
     settings: Settings,
     plan: FramePlan,
@@ -141,7 +146,7 @@ impl<'gpu> Renderer<'gpu> {
 
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
         let (geometry, sources) = Geometry::with_sources(scene);
-        let Prepared { geometry, camera, plan, mut lights } = Prepared::new(gpu, scene, geometry, settings, forced)?;
+        let Prepared { geometry, camera, plan, lights } = Prepared::new(gpu, scene, geometry, settings, forced)?;
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
         let mut posing = Posing::default();
         posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
@@ -152,15 +157,11 @@ impl<'gpu> Renderer<'gpu> {
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
         let directions = environment.and_then(BundleDirections::new);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
-        if plan.lights_for_view {
-            lights.favour(&frame.light_gifts(gpu, &gpu_scene, &camera, &lights, settings)?);
-            gpu_scene.relight(gpu, &lights);
-        }
-        gpu.check()?;
-        Ok(Self {
+        let mut this = Self {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
             scene: gpu_scene,
+            by_power: plan.lights_for_view.then(|| lights.clone()),
             lights,
             camera,
             settings: settings.clone(),
@@ -168,7 +169,10 @@ impl<'gpu> Renderer<'gpu> {
             frame,
             posing,
             samples: 0,
-        })
+        };
+        this.favour_lights()?;
+        gpu.check()?;
+        Ok(this)
     }
 
     /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would make. Pipelines and
@@ -185,7 +189,7 @@ impl<'gpu> Renderer<'gpu> {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
-        let Prepared { geometry, camera, mut lights, .. } = prepared;
+        let Prepared { geometry, camera, lights, .. } = prepared;
         if let Some(live) = &mut self.frame.live {
             self.posing.look_back(self.gpu, &self.scene, scene, &geometry, &sources);
             live.change(self.gpu, &self.scene);
@@ -196,18 +200,57 @@ impl<'gpu> Renderer<'gpu> {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
         self.frame.forget_lights();
-        if self.plan.lights_for_view {
-            let gifts = self.frame.light_gifts(self.gpu, &self.scene, &camera, &lights, &self.settings)?;
-            lights.favour(&gifts);
-            self.scene.relight(self.gpu, &lights);
-        }
+        self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights) = (camera, lights);
+        self.begin()
+    }
+
+    /// Begins a picture of the same scene from elsewhere: the one that a new renderer would make. Nothing is built or uploaded.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn look(&mut self, camera: &Camera) -> Result<(), RenderError> {
+        self.camera = camera.clone();
+        if let Some(by_power) = &self.by_power {
+            self.lights = by_power.clone();
+            self.scene.relight(self.gpu, &self.lights);
+        }
+        if let Some(live) = &mut self.frame.live {
+            live.look();
+        }
+        self.begin()
+    }
+
+    /// What a new pose and a new camera have in common. A picture that is filtered frame by frame goes on from the last one.
+    fn begin(&mut self) -> Result<(), RenderError> {
+        self.favour_lights()?;
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
-        // A picture that is filtered frame by frame goes on from the last one.
         if self.frame.live.is_none() {
             self.restart(self.settings.seed);
         }
         Ok(self.gpu.check()?)
+    }
+
+    /// Has lights chosen for what they give the view, where the plan says so.
+    fn favour_lights(&mut self) -> Result<(), RenderError> {
+        if self.by_power.is_some() {
+            let gifts = self.frame.light_gifts(self.gpu, &self.scene, &self.camera, &self.lights, &self.settings)?;
+            self.lights.favour(&gifts);
+            self.scene.relight(self.gpu, &self.lights);
+        }
+        Ok(())
+    }
+
+    /// The VPLs of the last iteration, world space.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    pub fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        let count = self.plan.light_vertices.saturating_sub(1) as usize;
+        let vertices: Vec<LightVertex> = read_back(self.gpu, &self.frame.light_vertices, count)?;
+        // One that was not made carries nothing.
+        let made = vertices.iter().filter(|v| v.throughput != [0.0; 3]);
+        Ok(made.map(|v| Vec3::from(v.position)).collect())
     }
 
     /// What each iteration does.

@@ -1,4 +1,4 @@
-//! The command line: `render`, `compare`, `bench`, `plan`, `stress`, `scenes`.
+//! The command line: `render`, `view`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
 //! Exit codes: 0 done; 1 a threshold of `compare` is exceeded, or a case of `stress` is wrong; 2 an error, printed once on stderr as
 //! `error: ...`.
@@ -10,6 +10,7 @@ mod output;
 mod render;
 mod stress;
 mod view;
+mod window;
 
 use std::fmt::Display;
 use std::process::ExitCode;
@@ -43,6 +44,8 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded or a cas
 enum Command {
     /// Render a scene to an image
     Render(Box<render::RenderArgs>),
+    /// Look at a scene in a window while it is rendered
+    View(Box<ViewArgs>),
     /// Say how far an image is from a reference, on linear RGB
     Compare(compare::CompareArgs),
     /// Take error against run time, and write a report
@@ -83,6 +86,7 @@ pub fn run() -> ExitCode {
     };
     let done = match cli.command {
         Command::Render(args) => render::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::View(args) => window::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),

@@ -1,4 +1,4 @@
-//! What `render` and `plan` share: which scene, seen from where, with which settings.
+//! What `render`, `view` and `plan` share: which scene, seen from where, with which settings.
 
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
@@ -108,7 +108,8 @@ impl ViewArgs {
         Ok(scene)
     }
 
-    fn environment(&self) -> Result<EnvironmentChange> {
+    /// What is asked for in place of the scene's environment.
+    pub fn environment(&self) -> Result<EnvironmentChange> {
         if let Some(scale) = self.env_scale.filter(|s| !(0.0..=1e6).contains(s)) {
             bail!("--env-scale {scale}: has to be 0 to 1000000");
         }

@@ -193,6 +193,13 @@ impl Bsdf {
         }
     }
 
+    /// Light that comes back or passes for light of 1 along `wo`, both in the frame of the normal: what a facet there does.
+    #[must_use]
+    pub fn albedo(&self, wo: Vec3) -> Vec3 {
+        let Shares { reflected, passed, diffuse } = self.shares(wo.z);
+        reflected + passed + diffuse
+    }
+
     /// Whether light passes.
     #[must_use]
     pub fn transmits(&self) -> bool {

@@ -13,6 +13,7 @@ pub mod bvh;
 mod camera;
 mod distribution;
 pub mod environment;
+mod features;
 pub mod lights;
 pub mod microfacet;
 mod path;
@@ -28,9 +29,10 @@ use glam::{Vec2, Vec3};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::film::Film;
-use crate::scene::{Geometry, Scene, Sides};
+use crate::scene::{Camera, Geometry, Scene, Sides};
 
 use self::bvh::{Bvh, Hit, NONE};
+pub use self::features::Features;
 pub use self::rounds::Rounds;
 
 use self::camera::Rays;
@@ -73,6 +75,8 @@ pub struct ReferenceOutput {
 /// A scene made ready for tracing.
 pub struct Reference<'s> {
     scene: &'s Scene,
+    /// Instead of the scene's own.
+    camera: Option<Camera>,
     surfaces: Surfaces<'s>,
     sky: Option<Sky<'s>>,
     lights: Lights<'s>,
@@ -94,7 +98,18 @@ impl<'s> Reference<'s> {
         });
         let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
         let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);
-        Self { scene, surfaces, sky, lights, bvh, emitters_can_be_hit }
+        Self { scene, camera: None, surfaces, sky, lights, bvh, emitters_can_be_hit }
+    }
+
+    /// Looks from elsewhere in the same scene, whatever camera the settings name.
+    pub fn look(&mut self, camera: Camera) {
+        self.camera = Some(camera);
+    }
+
+    /// The rays of an image.
+    fn rays(&self, settings: &ReferenceSettings) -> Rays {
+        let camera = self.camera.as_ref().unwrap_or_else(|| &self.scene.cameras[settings.camera]);
+        Rays::new(camera, settings.width, settings.height)
     }
 
     /// The triangles that all indices refer to.
@@ -124,7 +139,7 @@ impl<'s> Reference<'s> {
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> ReferenceOutput {
         let ReferenceSettings { width, height, .. } = *settings;
-        let rays = Rays::new(&self.scene.cameras[settings.camera], width, height);
+        let rays = self.rays(settings);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let total = u64::from(width) * u64::from(height);
         let done = AtomicU64::new(0);

@@ -152,7 +152,7 @@ impl Reference<'_> {
     }
 
     /// Whether a path's ray stops at a hit: not in the holes of a mask, and the camera sees through culled backs, except of glass.
-    fn visible(&self, hit: &Hit, direction: Vec3, vertex: u32) -> bool {
+    pub(super) fn visible(&self, hit: &Hit, direction: Vec3, vertex: u32) -> bool {
         let material = self.surfaces.material(hit.triangle);
         let culled = vertex == 0
             && material.sides == Sides::OneCulled

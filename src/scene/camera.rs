@@ -117,9 +117,45 @@ impl Camera {
     }
 }
 
+impl Camera {
+    /// Where a point of the world is in an image, as shares of its sides from the upper left corner; nowhere behind a pinhole or
+    /// outside of the image.
+    #[must_use]
+    pub fn project(&self, point: Vec3, width: u32, height: u32) -> Option<Vec2> {
+        let p = self.world_from_camera.inverse().transform_point3(point);
+        let on_plane = match self.projection {
+            Projection::Perspective { .. } if p.z < 0.0 => p.truncate() / -p.z,
+            Projection::Perspective { .. } => return None,
+            Projection::Orthographic { .. } => p.truncate(),
+        };
+        let ndc = on_plane / self.half_extent(width, height);
+        (ndc.abs().max_element() <= 1.0).then(|| Vec2::new(0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_are_projected_to_where_they_are_seen() {
+        let camera = |projection| Camera {
+            name: String::new(),
+            world_from_camera: Affine3A::from_translation(Vec3::new(0.0, 0.0, 5.0)),
+            projection,
+            lens: None,
+            film_size: None,
+        };
+        let pinhole = camera(Projection::Perspective { fov: std::f32::consts::FRAC_PI_2, axis: FovAxis::Y });
+        assert_eq!(pinhole.project(Vec3::ZERO, 20, 10), Some(Vec2::splat(0.5)));
+        let corner = pinhole.project(Vec3::new(10.0, 5.0, 0.0), 20, 10).unwrap();
+        assert!(corner.distance(Vec2::new(1.0, 0.0)) < 1e-5, "{corner}");
+        assert_eq!(pinhole.project(Vec3::new(0.0, 5.1, 0.0), 20, 10), None);
+        assert_eq!(pinhole.project(Vec3::new(0.0, 0.0, 6.0), 20, 10), None);
+        let parallel = camera(Projection::Orthographic { half_extent: Vec2::ONE });
+        let left = parallel.project(Vec3::new(-2.0, -1.0, 9.0), 20, 10).unwrap();
+        assert!(left.distance(Vec2::new(0.0, 1.0)) < 1e-5, "{left}");
+    }
 
     #[test]
     fn a_lens_is_the_camera_s_own_or_another() {

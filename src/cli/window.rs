@@ -1,0 +1,34 @@
+//! `view`: a scene in a window.
+
+use anyhow::Result;
+
+use super::view::ViewArgs;
+
+#[cfg(feature = "viewer")]
+pub fn run(args: &ViewArgs) -> Result<()> {
+    use lightsheaf::viewer::stand::Stand;
+    use lightsheaf::viewer::state::Launch;
+    use lightsheaf::viewer::window;
+
+    /// Pixels of a window whose size nobody asked for.
+    const SIZE: (u32, u32) = (1280, 720);
+
+    args.settings.check()?;
+    let launch = Launch {
+        spec: args.scene.clone(),
+        environment: args.environment()?,
+        settings: args.settings.clone(),
+        camera: args.camera.clone(),
+        stand: args.eye.zip(args.target).map(|(eye, target)| Stand { eye, target }),
+        fov: args.fov,
+        animation: args.animation.clone(),
+        at: args.at.map(|seconds| seconds as f32),
+    };
+    let (width, height) = args.size.unwrap_or(SIZE);
+    Ok(window::run(launch, [width, height])?)
+}
+
+#[cfg(not(feature = "viewer"))]
+pub fn run(_: &ViewArgs) -> Result<()> {
+    anyhow::bail!("this program was built without its viewer: build it with `cargo build --features viewer`")
+}

@@ -1,0 +1,320 @@
+//! The interface: a panel, a line that says what is going on, and the picture. It is egui alone, and needs no window.
+
+mod canvas;
+mod panel;
+mod report;
+mod settings;
+
+use std::path::PathBuf;
+
+use egui::{Align, CentralPanel, Context, Frame, Key, Layout, Margin, Panel, RichText, Ui};
+
+use self::canvas::Canvas;
+use super::grade::Grade;
+use super::knobs::{Knob, knobs};
+use super::order::{Layer, Picture};
+use super::state::State;
+use super::studio::Note;
+use crate::settings::Method;
+
+/// Points of the panel's width, and most of it as a share of the window.
+const PANEL: f32 = 256.0;
+const PANEL_SHARE: f32 = 0.38;
+/// Methods in the order of their keys, 1 to 5.
+const METHODS: [Method; 5] = [Method::Raster, Method::Twin, Method::RayQuery, Method::Path, Method::Reference];
+
+/// What the user asked for that is not a choice.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Write the active side's picture to a file of this ending.
+    Save(&'static str),
+}
+
+/// The interface, with what it remembers.
+pub struct Interface {
+    knobs: Vec<Knob>,
+    canvas: Canvas,
+    hides_panel: bool,
+    /// What is typed in place of which scene.
+    spec: [String; 2],
+    actions: Vec<Action>,
+}
+
+impl Default for Interface {
+    fn default() -> Self {
+        Self {
+            knobs: knobs(),
+            canvas: Canvas::default(),
+            hides_panel: false,
+            spec: Default::default(),
+            actions: Vec::new(),
+        }
+    }
+}
+
+/// Sets fonts and spaces: small, so that much fits.
+pub fn style(context: &Context) {
+    context.set_theme(egui::Theme::Dark);
+    context.all_styles_mut(|style| {
+        for font in style.text_styles.values_mut() {
+            font.size = (font.size * 0.92).round();
+        }
+        style.spacing.item_spacing = egui::vec2(5.0, 3.0);
+        style.spacing.slider_width = 90.0;
+        style.spacing.combo_width = 60.0;
+        style.spacing.interact_size.y = 17.0;
+        style.interaction.tooltip_delay = 0.3;
+        // What blinks would have to be drawn again and again.
+        style.visuals.text_cursor.blink = false;
+    });
+}
+
+impl Interface {
+    /// One frame of the interface; what the user did is in the state afterwards. `seconds` passed since the last.
+    pub fn show(&mut self, ui: &mut Ui, state: &mut State, seconds: f32) -> Vec<Action> {
+        self.keys(ui.ctx(), state, seconds);
+        let margin = Margin::symmetric(6, 3);
+        let frame = Frame::new().inner_margin(margin).fill(ui.visuals().panel_fill);
+        Panel::bottom("line").frame(frame).show(ui, |ui| line(ui, state));
+        if !self.hides_panel {
+            let width = PANEL.min(ui.available_width() * PANEL_SHARE);
+            Panel::left("panel").frame(frame).exact_size(width).resizable(false).show(ui, |ui| {
+                egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| self.panel(ui, state));
+            });
+        }
+        CentralPanel::no_frame().show(ui, |ui| self.canvas.show(ui, state));
+        std::mem::take(&mut self.actions)
+    }
+
+    /// Has all pictures put on the device again.
+    pub fn forget_textures(&mut self) {
+        self.canvas = Canvas::default();
+    }
+
+    fn keys(&mut self, context: &Context, state: &mut State, seconds: f32) {
+        state.pass(seconds);
+        if state.playback.is_some_and(|p| p.playing) {
+            context.request_repaint();
+        }
+        if context.egui_wants_keyboard_input() {
+            return;
+        }
+        let pressed = |key| context.input(|i| i.modifiers.is_none() && i.key_pressed(key));
+        for (key, method) in [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5].into_iter().zip(METHODS) {
+            if pressed(key) && state.lacks(method).is_none() {
+                state.sides[state.active].use_method(method);
+            }
+        }
+        for (key, layer) in [
+            (Key::L, Layer::Light),
+            (Key::Z, Layer::Distance),
+            (Key::N, Layer::Normal),
+            (Key::B, Layer::Albedo),
+            (Key::V, Layer::Error),
+        ] {
+            if pressed(key) {
+                state.sides[state.active].layer = layer;
+            }
+        }
+        if pressed(Key::H) {
+            self.hides_panel = !self.hides_panel;
+        }
+        if pressed(Key::C) {
+            panel::compare(state, !state.compares);
+        }
+        if pressed(Key::R) {
+            (state.stand, state.fov) = (None, None);
+        }
+        if pressed(Key::Space) {
+            panel::play(state);
+        }
+        if pressed(Key::P) {
+            self.actions.push(Action::Save("png"));
+        }
+        if pressed(Key::X) {
+            self.actions.push(Action::Save("exr"));
+        }
+        let steps = context.input(|i| {
+            let axis = |more, less| f32::from(u8::from(i.key_down(more))) - f32::from(u8::from(i.key_down(less)));
+            let speed = if i.modifiers.shift { 2.0 } else { 0.5 };
+            let free = !i.modifiers.command && !i.modifiers.alt;
+            free.then(|| [axis(Key::W, Key::S), axis(Key::D, Key::A), axis(Key::E, Key::Q)].map(|a| a * speed))
+        });
+        if let Some([ahead, right, up]) = steps.filter(|steps| *steps != [0.0; 3]) {
+            let metres = state.stride() * seconds.min(0.1);
+            state.walk(|stand| stand.fly(ahead * metres, right * metres, up * metres));
+            context.request_repaint();
+        }
+    }
+}
+
+/// What is going on, in one line.
+fn line(ui: &mut Ui, state: &State) {
+    ui.horizontal(|ui| {
+        for side in state.sides.iter().take(if state.compares { 2 } else { 1 }) {
+            let Some(picture) = &side.picture else {
+                ui.label("…");
+                continue;
+            };
+            ui.label(RichText::new(side.settings.method.to_string()).strong());
+            ui.label(summary(picture));
+            ui.separator();
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| match state.notes.last() {
+            Some(Note::Done(text)) => _ = ui.add(egui::Label::new(text).truncate()),
+            Some(Note::Wrong(text) | Note::NotLoaded(text)) => {
+                let text = RichText::new(text).color(ui.visuals().warn_fg_color);
+                ui.add(egui::Label::new(text).truncate());
+            }
+            None => {}
+        });
+    });
+}
+
+/// Samples, their cost and the size of a picture.
+fn summary(picture: &Picture) -> String {
+    let Picture { film, stats, batch: (count, seconds), .. } = picture;
+    let size = format!("{}x{}", film.width, film.height);
+    if picture.layer.is_feature() {
+        return size;
+    }
+    let millis = seconds * 1e3 / (*count).max(1) as f64;
+    let samples = if stats.samples == 1 { "sample" } else { "samples" };
+    format!("{} {samples}, {millis:.0} ms each, {size}", stats.samples)
+}
+
+/// The file that a picture of the active side would have, and how it is shown.
+#[must_use]
+pub fn file_of(state: &State, extension: &str) -> (usize, PathBuf, Grade) {
+    (if state.compares { state.active } else { 0 }, state.free_file(extension), state.grade)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::time::Instant;
+
+    use super::*;
+    use crate::film::Film;
+    use crate::renderer::RenderStats;
+    use crate::scene::{EnvironmentChange, builtin};
+    use crate::settings::Settings;
+    use crate::viewer::order::{Card, Machine};
+    use crate::viewer::state::Launch;
+    use crate::viewer::studio::Desk;
+
+    /// The interface without a window.
+    struct Desktop {
+        context: Context,
+        interface: Interface,
+        state: State,
+        size: egui::Vec2,
+    }
+
+    impl Desktop {
+        fn new() -> Self {
+            let context = Context::default();
+            style(&context);
+            let mut state = State::new(Launch {
+                spec: "builtin:cornell_point".to_owned(),
+                environment: EnvironmentChange::default(),
+                settings: Settings::default(),
+                camera: None,
+                stand: None,
+                fov: None,
+                animation: None,
+                at: None,
+            });
+            let scene = builtin::load("cornell_point").unwrap();
+            let card = Card {
+                spec: "builtin:cornell_point".to_owned(),
+                cameras: scene.cameras,
+                lights: scene.lights,
+                animations: vec![("walk".to_owned(), 2.0)],
+                sphere: (glam::Vec3::ZERO, 2.0),
+                ..Card::default()
+            };
+            let picture = Picture {
+                order: 1,
+                film: Arc::new(Film::new(8, 6)),
+                layer: Layer::Light,
+                coarseness: 1,
+                stats: RenderStats { samples: 3, ..RenderStats::default() },
+                batch: (1, 0.01),
+                plan: "plan".into(),
+                vpls: vec![[0.5, 0.5]],
+                error: None,
+                finished: false,
+            };
+            let desk = Desk { card: Some(card), pictures: [Some(picture), None], ..Desk::default() };
+            state.accept(desk, Instant::now());
+            Self { context, interface: Interface::default(), state, size: egui::vec2(640.0, 360.0) }
+        }
+
+        fn frame(&mut self, events: Vec<egui::Event>) -> Vec<Action> {
+            let screen_rect = Some(egui::Rect::from_min_size(egui::Pos2::ZERO, self.size));
+            let input = egui::RawInput { screen_rect, events, ..egui::RawInput::default() };
+            let (interface, state, mut actions) = (&mut self.interface, &mut self.state, Vec::new());
+            let mut output = self.context.run_ui(input, |ui| actions.extend(interface.show(ui, state, 0.02)));
+            output.textures_delta.clear();
+            actions
+        }
+
+        fn key(&mut self, key: Key) -> Vec<Action> {
+            let event = |pressed| egui::Event::Key {
+                key,
+                physical_key: None,
+                pressed,
+                repeat: false,
+                modifiers: egui::Modifiers::NONE,
+            };
+            let actions = self.frame(vec![event(true)]);
+            self.frame(vec![event(false)]);
+            actions
+        }
+    }
+
+    #[test]
+    fn keys_choose() {
+        let mut desktop = Desktop::new();
+        desktop.frame(Vec::new());
+        for (key, method) in [(Key::Num4, Method::Path), (Key::Num5, Method::Reference), (Key::Num1, Method::Raster)] {
+            desktop.key(key);
+            assert_eq!(desktop.state.sides[0].settings.method, method);
+        }
+        desktop.state.machine = Machine { no_rays: Some("no rays".to_owned()), ..Machine::default() };
+        desktop.key(Key::Num2);
+        assert_eq!(desktop.state.sides[0].settings.method, Method::Raster, "the machine has no twin");
+        desktop.key(Key::N);
+        assert_eq!(desktop.state.sides[0].layer, Layer::Normal);
+        desktop.key(Key::W);
+        assert!(desktop.state.stand.is_some());
+        desktop.key(Key::R);
+        assert!(desktop.state.stand.is_none());
+        desktop.key(Key::C);
+        assert_eq!((desktop.state.compares, desktop.state.active), (true, 1));
+        desktop.key(Key::C);
+        desktop.key(Key::Space);
+        assert!(desktop.state.playback.is_some_and(|p| p.playing));
+        assert_eq!(desktop.key(Key::P), [Action::Save("png")]);
+        assert_eq!(desktop.key(Key::X), [Action::Save("exr")]);
+    }
+
+    #[test]
+    fn every_size_and_layer_is_laid_out() {
+        let mut desktop = Desktop::new();
+        for size in [[320.0, 200.0], [640.0, 360.0], [1280.0, 720.0], [1.0, 1.0], [4000.0, 100.0]] {
+            desktop.size = size.into();
+            for layer in [Layer::Light, Layer::Error, Layer::Albedo] {
+                desktop.state.sides[0].layer = layer;
+                desktop.state.compares = layer == Layer::Error;
+                desktop.state.marks_vpls = true;
+                desktop.frame(Vec::new());
+            }
+            let order = desktop.state.order(Instant::now()).unwrap();
+            let settings = &order.panes[0].settings;
+            assert!(settings.width >= 1 && f64::from(settings.width) <= f64::from(size[0]).max(1.0));
+            assert_eq!(settings.check(), Ok(()));
+        }
+    }
+}
