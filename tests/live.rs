@@ -129,6 +129,26 @@ fn a_lamp_that_goes_out_is_dark_soon() {
     assert!(unnoticed > 8, "{unnoticed} frames");
 }
 
+/// Another camera alone is what another pose is in which nothing but the camera has moved.
+#[test]
+fn looking_elsewhere_goes_on_as_posing_does() {
+    let Some(gpu) = gpu() else { return };
+    let at = |t: f32| {
+        let mut scene = room([5.0, 3.0], BOXED);
+        scene.cameras[0] = pinhole(Vec3::new(t, 0.0, 0.95), Vec3::NEG_Z, 1.3);
+        scene
+    };
+    let [mut posed, mut looking] = [(); 2].map(|()| Renderer::new(gpu, &at(0.0), &live()).unwrap());
+    for frame in 0..4 {
+        let scene = at(-0.02 * frame as f32);
+        let film = frames(&mut posed, &scene, 1);
+        looking.look(&scene.cameras[0]).unwrap();
+        looking.render(1, &mut |_| true).unwrap();
+        let seen = against(&looking.film().unwrap(), &film);
+        assert!(seen.rel_mse < 1e-6, "frame {frame}: {seen:?}");
+    }
+}
+
 /// While a box, the camera or a lamp moves, what is remembered helps, and drags nothing behind.
 #[test]
 fn history_follows_what_moves() {

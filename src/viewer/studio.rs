@@ -36,6 +36,9 @@ const BETWEEN_ERRORS: Duration = Duration::from_millis(700);
 /// How far the studio steps back, in steps of `nice`: about a sixth of a processor that the window wants, too.
 #[cfg(target_os = "linux")]
 const NICE: i32 = 8;
+/// While things move: pixels along a side of a square whose pixels have light subpaths of their own, and frames that are remembered.
+const SQUARE: u32 = 2;
+const FRAMES: u32 = 16;
 /// VPLs that are remembered.
 const VPLS: usize = 512;
 /// Most panes.
@@ -418,6 +421,7 @@ impl Worker {
         let [width, height] = Pace::size([wanted.settings.width, wanted.settings.height], coarseness);
         let only = if let Layer::Strategy(only) = layer { Some(only) } else { None };
         let settings = Settings { width, height, only, ..wanted.settings.clone() };
+        let settings = if order.moving { in_motion(settings) } else { settings };
         let scene = stage.scene(settings.method);
         let camera = camera_of(order, scene, &settings)?;
 
@@ -448,7 +452,7 @@ impl Worker {
         bench.features = None;
 
         // The method, as it was, looking from elsewhere, posed, or anew.
-        let slot = &mut bench.held[usize::from(coarseness > 1)];
+        let slot = &mut bench.held[usize::from(order.moving)];
         let mut held = match slot.take().filter(|held| held.settings == settings) {
             Some(mut held) => {
                 if held.stage != stage.number {
@@ -468,7 +472,7 @@ impl Worker {
             }
         };
         let before = held.engine.stats().samples;
-        if before < ENOUGH {
+        if before < ENOUGH || order.moving {
             if let Some(gpu) = gpu {
                 gpu.timings.reset();
             }
@@ -525,7 +529,7 @@ impl Worker {
             }
         }
         *slot = Some(held);
-        Ok(before < ENOUGH)
+        Ok(before < ENOUGH || order.moving)
     }
 
     fn publish(&mut self, pane: usize, picture: Picture) {
@@ -536,6 +540,13 @@ impl Worker {
         drop(desk);
         (self.wake)();
     }
+}
+
+/// What makes a good picture of a sample: light subpaths of several kinds, filtered, and what was seen before. Settings that say something
+/// of this themselves stay as they are.
+fn in_motion(settings: Settings) -> Settings {
+    let plain = settings.method.shares_subpaths() && settings.only.is_none() && !settings.is_live();
+    if plain { Settings { interleave: SQUARE, history: FRAMES, ..settings } } else { settings }
 }
 
 /// What looks at the scene.
