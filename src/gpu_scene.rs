@@ -328,7 +328,7 @@ fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
     if !gpu.capabilities.ray_queries {
         return gpu.upload("positions", positions);
     }
-    gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE)
+    gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)
 }
 
 /// An environment's map as a texture.

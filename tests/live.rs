@@ -4,7 +4,7 @@
 mod common;
 
 use common::scenes::{add, pinhole};
-use common::{gpu, raster};
+use common::{gpu, gpu_with_ray_queries, raster};
 use glam::{Affine3A, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
@@ -132,7 +132,13 @@ fn a_lamp_that_goes_out_is_dark_soon() {
 /// Another camera alone is what another pose is in which nothing but the camera has moved.
 #[test]
 fn looking_elsewhere_goes_on_as_posing_does() {
-    let Some(gpu) = gpu() else { return };
+    // Also where acceleration structures are built from the same vertices.
+    for gpu in [gpu(), gpu_with_ray_queries()].into_iter().flatten() {
+        looks_as_it_poses(gpu);
+    }
+}
+
+fn looks_as_it_poses(gpu: &Gpu) {
     let at = |t: f32| {
         let mut scene = room([5.0, 3.0], BOXED);
         scene.cameras[0] = pinhole(Vec3::new(t, 0.0, 0.95), Vec3::NEG_Z, 1.3);
@@ -142,6 +148,7 @@ fn looking_elsewhere_goes_on_as_posing_does() {
     for frame in 0..4 {
         let scene = at(-0.02 * frame as f32);
         let film = frames(&mut posed, &scene, 1);
+        gpu.check().unwrap();
         looking.look(&scene.cameras[0]).unwrap();
         looking.render(1, &mut |_| true).unwrap();
         let seen = against(&looking.film().unwrap(), &film);

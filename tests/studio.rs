@@ -138,11 +138,10 @@ fn pictures_are_those_of_a_renderer_from_everywhere_and_under_every_light() {
     let picture = bench.picture(third, 4);
     assert!(same(&picture.film, &rendered(gpu, &moved, picture.stats.samples)));
 
-    // While it moves it is coarser, and sharp when it rests.
+    // While it moves it may be coarser, and it is sharp when it rests.
     let moving = bench.show(Order { moving: true, ..looking.clone() });
     let coarse = bench.until("a coarse picture", |desk| desk.pictures[0].clone().filter(|p| p.order == moving));
     assert_eq!(coarse.film.width, 48_u32.div_ceil(coarse.coarseness));
-    assert!(coarse.coarseness > 1);
     let rested = bench.show(looking);
     assert_eq!(bench.picture(rested, 1).film.width, 48);
 }
