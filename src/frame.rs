@@ -1,7 +1,8 @@
 //! The method on one page: what one iteration of raster BDPT does, in order.
 //!
 //! One light subpath y0 y1 y2 and one direction per bounce serve every pixel, or, interleaved, every pixel of a class; among many
-//! lights, direct light comes from a pool of light points beside y0. Passes take their inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
+//! lights, direct light comes from a pool of light points beside y0. Passes take their inputs as arguments; what the plan skips has no
+//! pipeline, no buffer and no call here.
 
 use std::f32::consts::TAU;
 
@@ -81,7 +82,7 @@ impl Frame {
     ) -> Self {
         let size = plan.grid.size;
         let surface = plan.surface_flags.clone();
-        let layered: &[&str] = if plan.is_live() { &["LAYERED"] } else { &[] };
+        let layered = plan.layer_flags();
         let bundles: &[&str] = if directions.is_some() { &["SKY_BUNDLES"] } else { &[] };
         let with = |more: &[&'static str]| [surface.as_slice(), bundles, layered, more].concat();
         let visibility: &[&str] = match (plan.rays, plan.fast) {
@@ -188,8 +189,7 @@ impl Frame {
         lights: &LightTable,
         settings: &Settings,
     ) -> Result<Vec<f32>, GpuError> {
-        let layered: &[&str] = if self.live.is_some() { &["LAYERED"] } else { &[] };
-        let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags, layered].concat();
+        let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags, self.plan.layer_flags()].concat();
         let pass = LightGifts::new(gpu, &flags, lights.count());
         let uniform = describe(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0);
         self.pixels.describe(gpu, 0, &uniform);

@@ -89,6 +89,12 @@ impl Grid {
         self.size.map(|side| side.div_ceil(self.scale))
     }
 
+    /// Columns and rows of the squares whose pixels have light subpaths of their own.
+    #[must_use]
+    pub fn squares(&self) -> [u32; 2] {
+        self.layer().map(|side| side.div_ceil(self.side))
+    }
+
     /// Pixels of the largest region.
     #[must_use]
     pub fn largest(&self) -> u64 {

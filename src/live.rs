@@ -87,7 +87,7 @@ impl Live {
         let guide = size_of::<layouts::Guide>() as u64;
         let glossy: &[&str] = if plan.glossy() { &["GLOSSY"] } else { &[] };
         let upsample: &[&str] = if grid.scale > 1 { &["UPSAMPLE"] } else { &[] };
-        let squares: u64 = squares(&grid).iter().map(|&side| u64::from(side)).product();
+        let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         Self {
             grid,
             history: plan.history,
@@ -206,7 +206,7 @@ impl Live {
 
         if let Some((pass, gradients)) = self.gradient.as_ref().filter(|_| live.repeats != 0) {
             let more = [of_layer.as_slice(), &[("gradients", gradients)]].concat();
-            pass.record(gpu, encoder, squares(&self.grid), &bindings(scene, &shared, &more));
+            pass.record(gpu, encoder, self.grid.squares(), &bindings(scene, &shared, &more));
         }
         let mut unfiltered = self.indirect.now(frame);
         if let Some((pass, history)) = &self.temporal {
@@ -284,11 +284,6 @@ impl Live {
         let pixels: Vec<[f32; 4]> = read_back(gpu, self.pictures.before(self.frame), (width * height) as usize)?;
         Ok(Film { width, height, pixels: pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect() })
     }
-}
-
-/// Columns and rows of squares that share their samples.
-fn squares(grid: &Grid) -> [u32; 2] {
-    grid.layer().map(|side| side.div_ceil(grid.side))
 }
 
 /// The scene's bindings, then buffers by name.

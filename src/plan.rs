@@ -375,6 +375,12 @@ impl FramePlan {
         self.grid.layered
     }
 
+    /// Flags of shaders that add light to pixels.
+    #[must_use]
+    pub fn layer_flags(&self) -> &'static [&'static str] {
+        if self.is_live() { &["LAYERED"] } else { &[] }
+    }
+
     /// Whether a frame says how much the light changed since the one before.
     #[must_use]
     pub fn has_gradients(&self) -> bool {
@@ -427,7 +433,7 @@ impl FramePlan {
         of_layer += if self.filtered { 32 } else { 0 };
         of_layer += if self.tamed { 32 } else { 0 };
         of_layer += if self.history > 0 { 2 * 32 } else { 0 };
-        let squares: u64 = self.grid.layer().map(|side| u64::from(side.div_ceil(self.grid.side))).iter().product();
+        let squares: u64 = self.grid.squares().iter().map(|&side| u64::from(side)).product();
         image * of_image + layer * of_layer + if self.has_gradients() { 8 * squares } else { 0 }
     }
 

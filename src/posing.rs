@@ -5,7 +5,8 @@ use crate::gpu_scene::GpuScene;
 use crate::passes::deform::Deform;
 use crate::passes::tessellate::Tessellate;
 use crate::rest::Rest;
-use crate::scene::geometry::Sources;
+use crate::scene::geometry::{Origin, Sources};
+use crate::scene::refine::Refined;
 use crate::scene::{Geometry, Scene};
 
 /// Made when a scene first asks for it.
@@ -32,7 +33,7 @@ impl Posing {
         if sources.refined.blends.is_empty() {
             return Ok(());
         }
-        self.run(gpu, gpu_scene, scene, geometry, &Sources { refined: sources.refined.clone(), origins: Vec::new() })
+        self.place(gpu, gpu_scene, scene, geometry, (&[], &sources.refined))
     }
 
     /// Puts the vertices that refining makes for a pose to come where the pose before has them.
@@ -70,7 +71,17 @@ impl Posing {
         geometry: &Geometry,
         sources: &Sources,
     ) -> Result<(), GpuError> {
-        let Sources { origins, refined } = sources;
+        self.place(gpu, gpu_scene, scene, geometry, (&sources.origins, &sources.refined))
+    }
+
+    fn place(
+        &mut self,
+        gpu: &Gpu,
+        gpu_scene: &GpuScene,
+        scene: &Scene,
+        geometry: &Geometry,
+        (origins, refined): (&[Origin], &Refined),
+    ) -> Result<(), GpuError> {
         let rest = match &mut self.rest {
             Some(rest) => rest,
             None => self.rest.insert(Rest::new(gpu, scene)?),

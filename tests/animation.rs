@@ -8,7 +8,7 @@ use std::process::Command;
 
 use base64::Engine as _;
 use common::scenes::pinhole;
-use common::{gpu, gpu_with_ray_queries, reference, shared};
+use common::{gpu, gpu_with_ray_queries, matte, picture, reference, shared};
 use glam::{Affine3A, Quat, Vec3, Vec4};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, read_back};
@@ -18,9 +18,9 @@ use lightsheaf::light_table::{LightTable, Met};
 use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::posing::Posing;
-use lightsheaf::renderer::{Progressive, Renderer};
+use lightsheaf::renderer::Renderer;
 use lightsheaf::scene::animation::{Curve, Interpolation};
-use lightsheaf::scene::{self, Bsdf, Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
+use lightsheaf::scene::{self, Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
 use lightsheaf::settings::{Method, Settings};
 use serde_json::{Value, json};
 
@@ -490,24 +490,6 @@ fn posed_pictures(scene: &Scene) -> Vec<Scene> {
             Scene { cameras: vec![camera.clone()], ..pose }
         })
         .collect()
-}
-
-/// The picture after so many more samples.
-fn picture(renderer: &mut dyn Progressive, samples: u64) -> Film {
-    renderer.render(samples, &mut |_| true).unwrap();
-    let stats = renderer.stats();
-    assert_eq!((stats.non_finite, stats.lost_nodes), (0, 0));
-    renderer.film().unwrap()
-}
-
-/// The scene with all surfaces diffuse: `raster` needs many samples for smooth metal under a sky, moving or not.
-fn matte(mut scene: Scene) -> Scene {
-    for material in &mut scene.materials {
-        if let Bsdf::MetallicRoughness { base_color, .. } = material.bsdf {
-            material.bsdf = Bsdf::Diffuse { reflectance: base_color };
-        }
-    }
-    scene
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use common::scenes::pinhole;
-use common::{gpu, gpu_with_ray_queries, reference, shared};
+use common::{gpu, gpu_with_ray_queries, matte, picture, reference, shared};
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec4};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, read_back};
@@ -21,8 +21,8 @@ use lightsheaf::posing::Posing;
 use lightsheaf::renderer::{Progressive, Renderer};
 use lightsheaf::scene::shapes::{cube, icosphere, sphere};
 use lightsheaf::scene::{
-    self, Bsdf, Displacement, EdgeFactor, Geometry, Height, HeightMap, Instance, Light, Material, Mesh, Scene,
-    Tessellation, Viewpoint, Wave, Wrap, builtin,
+    self, Displacement, EdgeFactor, Geometry, Height, HeightMap, Instance, Light, Material, Mesh, Scene, Tessellation,
+    Viewpoint, Wave, Wrap, builtin,
 };
 use lightsheaf::settings::{Method, Settings};
 
@@ -300,13 +300,6 @@ fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
 
 // --- Pictures ---
 
-fn picture(renderer: &mut dyn Progressive, samples: u64) -> Film {
-    renderer.render(samples, &mut |_| true).unwrap();
-    let stats = renderer.stats();
-    assert_eq!((stats.non_finite, stats.lost_nodes), (0, 0));
-    renderer.film().unwrap()
-}
-
 /// The scene with what the CPU refines as plain meshes.
 fn baked(scene: &Scene) -> Scene {
     let geometry = Geometry::new(scene);
@@ -326,16 +319,6 @@ fn baked(scene: &Scene) -> Scene {
         });
     }
     out
-}
-
-/// All surfaces diffuse: `raster` needs many samples for smooth water.
-fn matte(mut scene: Scene) -> Scene {
-    for material in &mut scene.materials {
-        if let Bsdf::MetallicRoughness { base_color, .. } = material.bsdf {
-            material.bsdf = Bsdf::Diffuse { reflectance: base_color };
-        }
-    }
-    scene
 }
 
 #[test]

@@ -11,8 +11,8 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::renderer::{Progressive as _, RenderStats, Renderer};
-use lightsheaf::scene::Scene;
+use lightsheaf::renderer::{Progressive, RenderStats, Renderer};
+use lightsheaf::scene::{Bsdf, Scene};
 use lightsheaf::settings::Settings;
 
 /// The device, opened once per test binary. Without one, says so and gives none; where `REQUIRE_GPU` is 1, fails instead.
@@ -65,4 +65,22 @@ pub fn reference(scene: &Scene, settings: &Settings, samples: u32, seed: u32) ->
     let output = Reference::new(scene).render(&settings, &|_, _| ());
     assert_eq!(output.non_finite, 0);
     output.film
+}
+
+/// The picture after so many more samples.
+pub fn picture(renderer: &mut dyn Progressive, samples: u64) -> Film {
+    renderer.render(samples, &mut |_| true).unwrap();
+    let stats = renderer.stats();
+    assert_eq!((stats.non_finite, stats.lost_nodes), (0, 0));
+    renderer.film().unwrap()
+}
+
+/// The scene with all surfaces diffuse: `raster` needs many samples for smooth metal or water under a sky.
+pub fn matte(mut scene: Scene) -> Scene {
+    for material in &mut scene.materials {
+        if let Bsdf::MetallicRoughness { base_color, .. } = material.bsdf {
+            material.bsdf = Bsdf::Diffuse { reflectance: base_color };
+        }
+    }
+    scene
 }
