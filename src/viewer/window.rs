@@ -253,7 +253,6 @@ impl ApplicationHandler<Wake> for App {
     }
 
     fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
-        let Some(view) = &mut self.view else { return };
         match &event {
             WindowEvent::CloseRequested => return events.exit(),
             WindowEvent::RedrawRequested => return self.draw(),
@@ -270,8 +269,17 @@ impl ApplicationHandler<Wake> for App {
             WindowEvent::Resized(_) => self.waits.input("size"),
             _ => {}
         }
+        // egui takes a button to be where the pointer is at the end of a frame. However slow frames are, one therefore ends where a
+        // button goes down, and one where the pointer had got to before it goes up.
+        let button = if let WindowEvent::MouseInput { state, .. } = event { Some(state) } else { None };
+        if button == Some(ElementState::Released) {
+            self.draw();
+        }
+        let Some(view) = &mut self.view else { return };
         let response = view.input.on_window_event(&view.window, &event);
-        if response.repaint || matches!(event, WindowEvent::DroppedFile(_)) {
+        if button == Some(ElementState::Pressed) {
+            self.draw();
+        } else if response.repaint || matches!(event, WindowEvent::DroppedFile(_)) {
             view.window.request_redraw();
         }
     }
