@@ -125,10 +125,10 @@ impl Frame {
             .views()
             .iter()
             .enumerate()
-            .map(|(n, &(resolution, faces))| {
-                let room = plan.node_room(u64::from(scene.triangles), resolution, faces, limit);
+            .map(|(n, &texels)| {
+                let room = plan.node_room(u64::from(scene.triangles), texels, limit);
                 let records = if plan.rays { 0 } else { scene.triangles };
-                ViewBuffers::new(gpu, records, resolution, faces, room, plan.answers(n))
+                ViewBuffers::new(gpu, records, texels, room, plan.answers(n))
             })
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
@@ -302,7 +302,7 @@ impl Frame {
             let forward = self.directions.as_ref().map_or_else(|| uniform_sphere(numbers), |d| d.draw(numbers));
             let turn = TAU * sampler.get(Decision::Turn(n_bundle));
             let shift = self.plan.fast.then(|| sampler.get2(Decision::Shift(n_bundle)));
-            view.look(gpu, &parallel(forward, scene.bounds, turn, shift, view.resolution));
+            view.look(gpu, &parallel(forward, scene.bounds, turn, shift, view.texels.resolution));
             self.fill(gpu, encoder, scene, n, n);
         }
 
@@ -466,7 +466,7 @@ impl Frame {
             }
             if nodes > view.node_room {
                 let (room, answers) = (nodes + nodes / 2, self.plan.answers(n));
-                *view = ViewBuffers::new(gpu, scene.triangles, view.resolution, view.faces, room, answers);
+                *view = ViewBuffers::new(gpu, scene.triangles, view.texels, room, answers);
                 self.light_in_view = None;
             }
         }

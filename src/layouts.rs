@@ -197,7 +197,7 @@ layouts! {
         forward: [f32; 3],
         resolution: u32,
         normal: [f32; 3],
-        pad: u32,
+        slabs: u32,
     }
 
     /// What one iteration shares.

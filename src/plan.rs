@@ -7,7 +7,7 @@ use crate::grid::Grid;
 use crate::layouts;
 use crate::scene::SceneStats;
 use crate::settings::{Method, Settings, Strategies, Visibility};
-use crate::view::{Answers, RECORD_BYTES};
+use crate::view::{Answers, RECORD_BYTES, Texels};
 
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
@@ -110,6 +110,8 @@ pub struct FramePlan {
     pub extensions: Vec<Extension>,
     /// Texels along a side of a bundle.
     pub bundle_resolution: u32,
+    /// Slabs of depths that a texel of a bundle keeps lists for.
+    pub bundle_slabs: u32,
     /// Texels along a side of a face around a light.
     pub light_resolution: u32,
     /// Texels along a side of a face around a VPL.
@@ -231,12 +233,17 @@ impl FramePlan {
             let wanted = texels_per_unit / stats.mean_triangle_size.max(1e-4);
             (wanted as u32).next_power_of_two().clamp(coarsest, finest)
         };
+        let fast = settings.visibility == Visibility::Fast;
         let bundle_resolution = settings.bundle_resolution.unwrap_or_else(|| fitting(128, 512, 2.0));
+        // Where there are about as many triangles as texels, lists are long, and worth taking apart by depth; not those of `fast`, which are
+        // half as long.
+        let bundle_texels = bundle_resolution as usize * bundle_resolution as usize;
+        let bundle_slabs =
+            if fast { 1 } else { (4 * stats.triangles / bundle_texels).clamp(1, 16).next_power_of_two() as u32 };
         let vpl_resolution = settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0));
         let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, 512, 1.5));
 
         let rays = settings.method == Method::Twin;
-        let fast = settings.visibility == Visibility::Fast;
         let mut plan = Self {
             passes: Vec::new(),
             surface_flags,
@@ -251,6 +258,7 @@ impl FramePlan {
             extensions,
             camera_meets: meets(0),
             bundle_resolution,
+            bundle_slabs,
             light_resolution,
             vpl_resolution,
             fast,
@@ -283,16 +291,17 @@ impl FramePlan {
         *self == Self { bytes: self.bytes, ..other.clone() }
     }
 
-    /// Texels along a side and faces of each view: the light, the VPLs, the bundles, then one for the pool of light points.
+    /// Texels of each view: the light, the VPLs, the bundles, then one for the pool of light points.
     #[must_use]
-    pub fn views(&self) -> Vec<(u32, u32)> {
+    pub fn views(&self) -> Vec<Texels> {
         let mut views = Vec::new();
         for s in 0..self.light_vertices {
-            views.push((if s == 0 { self.light_resolution } else { self.vpl_resolution }, 6));
+            views.push(Texels::around(if s == 0 { self.light_resolution } else { self.vpl_resolution }));
         }
-        views.extend(self.extensions.iter().map(|_| (self.bundle_resolution, 1)));
+        let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
+        views.extend(self.extensions.iter().map(|_| bundle));
         if self.has_pool() {
-            views.push((self.light_resolution, 6));
+            views.push(Texels::around(self.light_resolution));
         }
         views
     }
@@ -322,15 +331,15 @@ impl FramePlan {
 
     /// Nodes that a view starts with room for; it grows likewise.
     #[must_use]
-    pub fn node_room(&self, triangles: u64, resolution: u32, faces: u32, limit: u64) -> u64 {
+    pub fn node_room(&self, triangles: u64, texels: Texels, limit: u64) -> u64 {
         if self.rays {
             return 0;
         }
-        let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
         // Seen in Sponza (bundles 0.5 to 9 nodes a triangle, maps from inside 0.5 to 8) and the Cornell box (1.6 and 1.3 a texel).
-        let guess = if faces == 1 { 2 * texels + 8 * triangles } else { 3 * texels / 2 + 6 * triangles };
+        let count = texels.count();
+        let guess = if texels.faces == 1 { 2 * count + 8 * triangles } else { 3 * count / 2 + 6 * triangles };
         let guess = (guess as f64 * f64::from(self.list_room)) as u64;
-        guess.max(1).min((limit / 4 - texels) / self.node_words())
+        guess.max(1).min((limit / 4 - texels.lists()) / self.node_words())
     }
 
     /// 32-bit words of a node.
@@ -408,12 +417,11 @@ impl FramePlan {
             .views()
             .iter()
             .enumerate()
-            .map(|(n, &(resolution, faces))| {
-                let nodes = self.node_room(triangles, resolution, faces, capabilities.max_binding_bytes);
-                let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+            .map(|(n, &texels)| {
+                let nodes = self.node_room(triangles, texels, capabilities.max_binding_bytes);
                 let answers = match self.answers(n) {
-                    Answers::Lists { node_words } => 4 * (texels + nodes * node_words),
-                    Answers::DepthMap => 8 * texels,
+                    Answers::Lists { node_words } => 4 * (texels.lists() + nodes * node_words),
+                    Answers::DepthMap => 8 * texels.count(),
                     Answers::Rays => return 0,
                 };
                 triangles * RECORD_BYTES + answers
@@ -606,8 +614,9 @@ impl fmt::Display for FramePlan {
         )?;
         writeln!(
             f,
-            "views          bundles {}^2, light 6 x {}^2, VPLs 6 x {}^2, {}",
+            "views          bundles {}^2 x {}, light 6 x {}^2, VPLs 6 x {}^2, {}",
             self.bundle_resolution,
+            self.bundle_slabs,
             self.light_resolution,
             self.vpl_resolution,
             if self.rays {

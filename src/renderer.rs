@@ -97,7 +97,7 @@ impl Prepared {
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
         check_size(gpu, settings, u64::MAX)?;
         let side = gpu.capabilities.max_texture_side;
-        let largest = plan.views().iter().map(|&(r, faces)| if faces == 6 { 3 * r } else { r }).max().unwrap_or(1);
+        let largest = plan.views().iter().map(|texels| texels.atlas(texels.faces)[0]).max().unwrap_or(1);
         if largest > side {
             return Err(RenderError::Setting(format!(
                 "a view of {largest} texels a side does not fit this device, whose limit is {side}"
@@ -288,12 +288,11 @@ impl<'gpu> Renderer<'gpu> {
                 return Ok(());
             }
             let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
-            for (n, (&[_, nodes], &(resolution, faces))) in needed.iter().zip(&self.plan.views()).enumerate() {
+            for (n, (&[_, nodes], texels)) in needed.iter().zip(&self.plan.views()).enumerate() {
                 let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
-                let bytes = 4
-                    * (u64::from(resolution).pow(2) * u64::from(faces)
-                        + node_words * (u64::from(nodes) + u64::from(nodes) / 2));
+                let bytes = 4 * (texels.lists() + node_words * (u64::from(nodes) + u64::from(nodes) / 2));
                 if bytes > limit {
+                    let resolution = texels.resolution;
                     return Err(RenderError::Setting(format!(
                         "a view of {resolution}^2 texels needs {nodes} list nodes, more than this device can bind; choose a smaller \
                          --bundle-resolution, --light-resolution or --vpl-resolution"

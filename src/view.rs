@@ -10,6 +10,43 @@ use crate::layouts;
 /// Bytes of a triangle's record (shaders/lib/record.wesl).
 pub const RECORD_BYTES: u64 = 48;
 
+/// Texels of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Texels {
+    /// Along a side of a face.
+    pub resolution: u32,
+    /// Faces that there is room for: 6 around a point, 1 for a bundle.
+    pub faces: u32,
+    /// Slabs of depths that a bundle's texel keeps lists for; 1 for others.
+    pub slabs: u32,
+}
+
+impl Texels {
+    /// Of a view around a point.
+    #[must_use]
+    pub const fn around(resolution: u32) -> Self {
+        Self { resolution, faces: 6, slabs: 1 }
+    }
+
+    /// Of all faces.
+    #[must_use]
+    pub fn count(self) -> u64 {
+        u64::from(self.resolution) * u64::from(self.resolution) * u64::from(self.faces)
+    }
+
+    /// Lists that there are.
+    #[must_use]
+    pub fn lists(self) -> u64 {
+        self.count() * u64::from(self.slabs)
+    }
+
+    /// Pixels of an atlas that holds so many faces: those of a cube lie in three columns and two rows.
+    #[must_use]
+    pub fn atlas(self, faces: u32) -> [u32; 2] {
+        if faces == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
+    }
+}
+
 /// What answers for a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answers {
@@ -84,10 +121,8 @@ impl ViewScratch {
 
 /// Buffers of one view. The passes fill them; [`ViewBuffers::reset`] empties them.
 pub struct ViewBuffers {
-    /// Texels along a side of a face.
-    pub resolution: u32,
-    /// Faces that there is room for: 6 around a point, 1 for a bundle.
-    pub faces: u32,
+    /// What it is made of.
+    pub texels: Texels,
     /// Faces of what it looks at now.
     looks_at: Cell<u32>,
     /// Nodes that fit.
@@ -105,17 +140,15 @@ pub struct ViewBuffers {
 impl ViewBuffers {
     /// Allocates a view with the given room.
     #[must_use]
-    pub fn new(gpu: &Gpu, triangles: u32, resolution: u32, faces: u32, node_room: u64, answers: Answers) -> Self {
-        let texels = u64::from(resolution) * u64::from(resolution) * u64::from(faces);
+    pub fn new(gpu: &Gpu, triangles: u32, texels: Texels, node_room: u64, answers: Answers) -> Self {
         let (list_words, depth_map) = match answers {
-            Answers::Lists { node_words } => (texels + node_words * node_room, None),
-            Answers::DepthMap => (0, Some(DepthMap::new(gpu, atlas(resolution, faces)))),
+            Answers::Lists { node_words } => (texels.lists() + node_words * node_room, None),
+            Answers::DepthMap => (0, Some(DepthMap::new(gpu, texels.atlas(texels.faces)))),
             Answers::Rays => (0, None),
         };
         let out = Self {
-            resolution,
-            faces,
-            looks_at: Cell::new(faces),
+            texels,
+            looks_at: Cell::new(texels.faces),
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
             records: gpu.storage("records", u64::from(triangles) * RECORD_BYTES),
@@ -126,10 +159,11 @@ impl ViewBuffers {
         out
     }
 
-    /// Points the view somewhere; its resolution is filled in.
+    /// Points the view somewhere; its resolution and slabs are filled in.
     pub fn look(&self, gpu: &Gpu, view: &layouts::View) {
-        self.looks(if view.kind == layouts::View::PARALLEL { 1 } else { self.faces });
-        let view = layouts::View { resolution: self.resolution, ..*view };
+        self.looks(if view.kind == layouts::View::PARALLEL { 1 } else { self.texels.faces });
+        let Texels { resolution, slabs, .. } = self.texels;
+        let view = layouts::View { resolution, slabs, ..*view };
         gpu.queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
     }
 
@@ -144,22 +178,16 @@ impl ViewBuffers {
         self.records.size() / RECORD_BYTES
     }
 
-    /// Texels of all faces that there is room for.
-    #[must_use]
-    pub fn texels(&self) -> u64 {
-        u64::from(self.resolution) * u64::from(self.resolution) * u64::from(self.faces)
-    }
-
     /// Pixels of the atlas that holds the faces.
     #[must_use]
     pub fn atlas(&self) -> [u32; 2] {
-        atlas(self.resolution, self.looks_at.get())
+        self.texels.atlas(self.looks_at.get())
     }
 
     /// Records that the lists and the tally start empty.
     pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, scratch: &ViewScratch) {
         if self.depth_map.is_none() {
-            encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels()));
+            encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels.lists()));
         }
         encoder.copy_buffer_to_buffer(&scratch.empty, 0, &scratch.tally, 0, 32);
     }
@@ -168,7 +196,7 @@ impl ViewBuffers {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         [&self.view, &self.records, &self.lists].iter().map(|b| b.size()).sum::<u64>()
-            + if self.depth_map.is_some() { 8 * self.texels() } else { 0 }
+            + if self.depth_map.is_some() { 8 * self.texels.count() } else { 0 }
     }
 
     /// The bindings of group 2 (shaders/visibility/raster.wesl).
@@ -185,11 +213,6 @@ impl ViewBuffers {
         }
         out
     }
-}
-
-/// Pixels of an atlas: faces of a cube lie in three columns and two rows.
-fn atlas(resolution: u32, faces: u32) -> [u32; 2] {
-    if faces == 6 { [3 * resolution, 2 * resolution] } else { [resolution; 2] }
 }
 
 /// A bundle along unit `forward` through the box `bounds`, turned by `angle`.

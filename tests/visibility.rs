@@ -9,6 +9,7 @@
 mod common;
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use common::random::Random;
 use glam::{DVec3, Vec2, Vec3};
@@ -30,7 +31,7 @@ use lightsheaf::scene::{
     Wrap,
 };
 use lightsheaf::settings::{Settings, Visibility};
-use lightsheaf::view::{Answers, ViewBuffers, ViewScratch, parallel};
+use lightsheaf::view::{Answers, Texels, ViewBuffers, ViewScratch, parallel};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
 /// Share of answers that may differ in exact mode.
@@ -136,17 +137,26 @@ impl<'a> World<'a> {
 
     /// The lists of a view, with all the room that they want, and how many nodes they have.
     fn fill(&self, look: &layouts::View, resolution: u32) -> (ViewBuffers, u32) {
-        let faces = if look.kind == layouts::View::PARALLEL { 1 } else { 6 };
+        let slabs = self.plan.bundle_slabs;
+        let texels = match look.kind {
+            layouts::View::PARALLEL => Texels { resolution, faces: 1, slabs },
+            _ => Texels::around(resolution),
+        };
+        self.fill_texels(look, texels)
+    }
+
+    /// The same, of any texels.
+    fn fill_texels(&self, look: &layouts::View, texels: Texels) -> (ViewBuffers, u32) {
         let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
         let triangles = u64::from(self.scene.triangles);
         let mut scratch = ViewScratch::new(self.gpu, self.plan.item_room(triangles, limit));
-        let mut room = self.plan.node_room(triangles, resolution, faces, limit);
+        let mut room = self.plan.node_room(triangles, texels, limit);
         loop {
-            let answers = match faces {
+            let answers = match texels.faces {
                 6 if self.plan.fast => Answers::DepthMap,
                 _ => Answers::Lists { node_words: self.plan.node_words() },
             };
-            let view = ViewBuffers::new(self.gpu, self.scene.triangles, resolution, faces, room, answers);
+            let view = ViewBuffers::new(self.gpu, self.scene.triangles, texels, room, answers);
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
             view.reset(&mut encoder, &scratch);
@@ -170,6 +180,25 @@ impl<'a> World<'a> {
             scratch = ViewScratch::new(self.gpu, items.max(scratch.item_room));
             room = room.max(nodes);
         }
+    }
+
+    /// Seconds that a view takes to answer; the first time does not count.
+    fn seconds(&self, view: &ViewBuffers, questions: &[layouts::Query]) -> f64 {
+        let count = questions.len();
+        let asked = self.gpu.upload("questions", questions);
+        let answers = self.gpu.storage("answers", count as u64 * 8);
+        let queries = &self.queries[usize::from(view.depth_map.is_some())];
+        let mut began = Instant::now();
+        for n in 0..3 {
+            let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+            queries.record(self.gpu, &mut encoder, &self.scene, view, count as u32, &asked, &answers);
+            self.gpu.queue.submit([encoder.finish()]);
+            self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+            if n == 0 {
+                began = Instant::now();
+            }
+        }
+        began.elapsed().as_secs_f64() / 2.0
     }
 
     /// Asks a view many questions: the position and the own triangle, with its top bit as `shaders/queries.wesl` says.
@@ -766,9 +795,10 @@ fn exact_answers_do_not_depend_on_the_resolution() {
     let from = points.draw(&mut random);
     let mut answers = Vec::new();
     let mut nodes = Vec::new();
-    for resolution in [64, 128, 256, 512] {
+    for (resolution, slabs) in [(64, 1), (64, 4), (128, 1), (256, 3), (512, 16)] {
+        let texels = Texels { resolution, faces: 1, slabs };
         let (bundle, along_bundle) =
-            world.fill(&parallel(forward, world.scene.bounds, 0.4, None, resolution), resolution);
+            world.fill_texels(&parallel(forward, world.scene.bounds, 0.4, None, resolution), texels);
         let (around, around_point) = world
             .fill(&layouts::View { exclude: from.triangle, ..perspective(from.position, world.radius) }, resolution);
         let along =
@@ -778,7 +808,7 @@ fn exact_answers_do_not_depend_on_the_resolution() {
         answers.push([world.ask(&bundle, &along), world.ask(&around, &edges), world.ask(&around, &nearest)]);
         nodes.push([along_bundle, around_point]);
     }
-    assert!(nodes.windows(2).all(|w| w[0][0] < w[1][0] && w[0][1] < w[1][1]), "the grids are the same: {nodes:?}");
+    assert!(nodes.windows(2).all(|w| w[0][0] < w[1][0] && w[0][1] <= w[1][1]), "the grids are the same: {nodes:?}");
     for (kind, what) in ["nearest along a bundle", "edges", "nearest from a point"].iter().enumerate() {
         let mut kinds: Vec<u32> = answers[0][kind].iter().map(|a| a[0]).collect();
         kinds.sort_unstable();
@@ -851,6 +881,72 @@ fn table() {
                     assert!(tally.share() <= TOLERATED, "{name}, {what}");
                 }
             }
+        }
+    }
+}
+
+/// Look-ups of 512x512 points in screen order, nearest hits along bundles, in turns:
+///
+///     cargo test --test visibility -- --ignored --nocapture look_ups
+#[test]
+#[ignore = "a matter of the clock"]
+fn look_ups_a_second() {
+    const SIDE: u32 = 512;
+    let Some(gpu) = common::gpu() else { return };
+    let mut scenes = vec![
+        ("Cornell box", cornell()),
+        ("displaced room, 60,000", scene::builtin::load("displaced_room:60000").unwrap()),
+    ];
+    if let Some(shared) = common::shared() {
+        let path = shared.join("scenes/gltf/Sponza/glTF/Sponza.gltf");
+        scenes.push(("Sponza", scene::load(&path.display().to_string()).unwrap()));
+    }
+    println!("| scene | texels x slabs | nodes | million a second, median | best |\n|---|---|---|---|---|");
+    for (name, scene) in &scenes {
+        let world = World::new(gpu, scene, false);
+        let camera = &scene.cameras[0];
+        let half = camera.half_extent(SIDE, SIDE);
+        let points: Vec<_> = (0..SIDE * SIDE)
+            .filter_map(|n| {
+                let ndc = (Vec2::new((n % SIDE) as f32, (n / SIDE) as f32) + 0.5) / SIDE as f32 * 2.0 - 1.0;
+                let towards = (Vec2::new(ndc.x, -ndc.y) * half).extend(-1.0);
+                let origin = camera.world_from_camera.transform_point3(Vec3::ZERO);
+                let direction = camera.world_from_camera.transform_vector3(towards).normalize();
+                let hit = world.reference.closest_hit(origin, direction, None)?;
+                Some((origin + direction * hit.t, hit.triangle))
+            })
+            .collect();
+        let mut random = Random(1);
+        let forwards = [(); 3].map(|()| uniform_sphere(random.pair()));
+        let mut kept = Vec::new();
+        for (resolution, slabs) in [(128, 1), (256, 1), (256, 8), (512, 1), (512, 8), (512, 32), (1024, 1)] {
+            let texels = Texels { resolution, faces: 1, slabs };
+            let looks = forwards.map(|forward| parallel(forward, world.scene.bounds, 0.4, None, resolution));
+            let views = looks.map(|look| world.fill_texels(&look, texels));
+            let nodes = views.iter().map(|(_, nodes)| nodes / 3).sum::<u32>();
+            let questions = forwards.map(|forward| {
+                let normal = |triangle: u32| {
+                    let [a, b, c] = world.geometry().positions(triangle as usize);
+                    (b - a).cross(c - a)
+                };
+                points.iter().map(|&(p, t)| query(p, t, normal(t).dot(forward) < 0.0)).collect::<Vec<_>>()
+            });
+            kept.push((texels, views, questions, nodes, Vec::new()));
+        }
+        for _ in 0..5 {
+            for (_, views, questions, _, seconds) in &mut kept {
+                let each = views.iter().zip(&*questions).map(|((view, _), questions)| world.seconds(view, questions));
+                seconds.push(each.sum::<f64>() / 3.0);
+            }
+        }
+        for (Texels { resolution, slabs, .. }, _, _, nodes, seconds) in &mut kept {
+            seconds.sort_by(f64::total_cmp);
+            let [best, median] = [seconds[0], seconds[2]].map(|s| points.len() as f64 / s * 1e-6);
+            let chosen = [*resolution, *slabs] == [world.plan.bundle_resolution, world.plan.bundle_slabs];
+            println!(
+                "| {name} | {resolution}^2 x {slabs}{} | {nodes} | {median:.1} | {best:.1} |",
+                if chosen { " (chosen)" } else { "" }
+            );
         }
     }
 }

@@ -260,9 +260,9 @@ impl Job<'_> {
         let demands = wanted.iter().zip(plan.views()).enumerate();
         let stats = Stats {
             demands: demands
-                .map(|(i, (&[items, nodes], (resolution, _)))| Demand {
+                .map(|(i, (&[items, nodes], texels))| Demand {
                     view: view_name(i, plan.light_vertices as usize),
-                    resolution,
+                    resolution: texels.resolution,
                     items,
                     nodes,
                 })

@@ -21,11 +21,12 @@ impl LightPoint {
     /// Builds the pipeline, for views of a resolution.
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[&str], count: u32, resolution: u32) -> Self {
+        let view = layouts::View { resolution, slabs: 1, ..Default::default() };
         Self {
             compute: Compute::new(gpu, "light_point", "light_point", flags),
             count,
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
-            views: gpu.upload("light_views", &vec![layouts::View { resolution, ..Default::default() }; count as usize]),
+            views: gpu.upload("light_views", &vec![view; count as usize]),
             points: gpu.storage("light_points", u64::from(count) * size_of::<layouts::LightPoint>() as u64),
         }
     }
