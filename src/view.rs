@@ -209,7 +209,6 @@ impl ViewBuffers {
         ];
         if let Some(map) = &self.depth_map {
             out.push(("map_triangles", wgpu::BindingResource::TextureView(&map.triangles)));
-            out.push(("map_depths", wgpu::BindingResource::TextureView(&map.depths)));
         }
         out
     }

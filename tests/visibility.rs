@@ -246,7 +246,7 @@ enum Class {
     Mask,
     /// Fast: lists hold what covers the texel's centre, not what the ray meets.
     Centre,
-    /// Fast: what lies within the offset of the start counts as the own surface.
+    /// Fast: what lies within the offset of the start may count as the own surface.
     Offset,
     /// None of these.
     Unexplained,
