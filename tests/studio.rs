@@ -14,7 +14,7 @@ use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive, Renderer};
-use lightsheaf::scene::{EnvironmentChange, Light, Scene, builtin};
+use lightsheaf::scene::{EnvironmentChange, Geometry, Light, Scene, Viewpoint, builtin};
 use lightsheaf::settings::{Method, OnlyStrategy, Settings};
 use lightsheaf::viewer::grade::{Curve, Grade};
 use lightsheaf::viewer::order::{Card, Command, Edits, Layer, Machine, Order, Pane, Picture, Source};
@@ -144,6 +144,44 @@ fn pictures_are_those_of_a_renderer_from_everywhere_and_under_every_light() {
     assert_eq!(coarse.film.width, 48_u32.div_ceil(coarse.coarseness));
     let rested = bench.show(looking);
     assert_eq!(bench.picture(rested, 1).film.width, 48);
+}
+
+/// Hills that are refined by pixels are so for the camera that looks, once it rests.
+#[test]
+fn surfaces_are_refined_for_whoever_looks() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut scene = builtin::load("terrain").unwrap();
+    let source = Source { spec: "builtin:terrain".to_owned(), environment: EnvironmentChange::default() };
+    let home = Order { source, ..order(Method::Raster) };
+    let mut bench = Bench::new(open);
+    let number = bench.show(home.clone());
+    let picture = bench.picture(number, 1);
+    scene.viewpoint = Some(Viewpoint { camera: 0, size: [48, 27] });
+    assert!(same(&picture.film, &rendered(gpu, &scene, picture.stats.samples)));
+
+    // From nearer by there are more triangles.
+    let far = Stand::of(&scene.cameras[0], 4.0);
+    let near = Stand { eye: far.eye.lerp(far.target, 0.7), ..far }.camera(&scene.cameras[0]);
+    let mut moved = scene.clone();
+    moved.cameras[0] = near.clone();
+    let triangles = |scene: &Scene| Geometry::new(scene).triangles.len();
+    assert!(triangles(&moved) > triangles(&scene), "scope");
+    let looking = Order { camera: Some(near.clone()), ..home };
+    let bytes = |picture: &Picture| picture.stats.scene_bytes;
+    // While it moves, they are those that were there.
+    let moving = bench.show(Order { moving: true, ..looking.clone() });
+    let coarse = bench.until("a moving picture", |desk| desk.pictures[0].clone().filter(|p| p.order == moving));
+    assert_eq!(bytes(&coarse), bytes(&picture));
+    let number = bench.show(looking);
+    let rested = bench.picture(number, 1);
+    assert!(bytes(&rested) > bytes(&picture));
+    let film = rendered(gpu, &moved, rested.stats.samples);
+    assert!(same(&rested.film, &film));
+    // The planted error: seen from there, but refined for elsewhere.
+    let mut stale = moved;
+    stale.cameras.push(scene.cameras[0].clone());
+    stale.viewpoint = Some(Viewpoint { camera: 1, size: [48, 27] });
+    assert!(!same(&rendered(gpu, &stale, rested.stats.samples), &film));
 }
 
 /// Also where lights are chosen for what they give the view, and through a lens.
