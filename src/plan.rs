@@ -108,6 +108,8 @@ pub struct FramePlan {
     pub connections: Vec<Connection>,
     /// Extensions in order; each takes a bundle of its own.
     pub extensions: Vec<Extension>,
+    /// Whether lengths of the first bundle's lists take the place of light.
+    pub list_lengths: bool,
     /// Texels along a side of a bundle.
     pub bundle_resolution: u32,
     /// Texels along a side of a face around a light.
@@ -147,10 +149,11 @@ impl FramePlan {
         let counts = |s, t| settings.only.is_none_or(|only| (only.s, only.t) == (s, t));
         let unweighted = settings.only.is_some_and(|only| !only.weighted);
         let paper = settings.strategies == Strategies::Paper;
-        let shines = stats.environment || stats.emissive_triangles > 0;
+        let list_lengths = settings.list_lengths;
+        let shines = !list_lengths && (stats.environment || stats.emissive_triangles > 0);
         // The paper meets such lights by bundles alone.
         let starts_from_met = shines && !paper;
-        let light_vertices = match (stats.lights > 0 || starts_from_met, settings.strategies) {
+        let light_vertices = match (!list_lengths && stats.lights > 0 || starts_from_met, settings.strategies) {
             (false, _) => 0,
             (_, Strategies::Bundle) => 1,
             (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
@@ -249,6 +252,7 @@ impl FramePlan {
             rsm: stats.lights > 0 && light_vertices > 1,
             connections,
             extensions,
+            list_lengths,
             camera_meets: meets(0),
             bundle_resolution,
             light_resolution,
@@ -290,11 +294,17 @@ impl FramePlan {
         for s in 0..self.light_vertices {
             views.push((if s == 0 { self.light_resolution } else { self.vpl_resolution }, 6));
         }
-        views.extend(self.extensions.iter().map(|_| (self.bundle_resolution, 1)));
+        views.extend((0..self.bundles()).map(|_| (self.bundle_resolution, 1)));
         if self.has_pool() {
             views.push((self.light_resolution, 6));
         }
         views
+    }
+
+    /// Bundles of a light subpath.
+    #[must_use]
+    pub fn bundles(&self) -> usize {
+        self.extensions.len() + usize::from(self.list_lengths)
     }
 
     /// Whether direct light comes from a pool of light points.
@@ -306,7 +316,7 @@ impl FramePlan {
     /// Which view the pool's light points share but for the first.
     #[must_use]
     pub fn pool_view(&self) -> Option<usize> {
-        self.has_pool().then(|| self.light_vertices as usize + self.extensions.len())
+        self.has_pool().then(|| self.light_vertices as usize + self.bundles())
     }
 
     /// Items that views start with room for; it grows where a frame needs more.
@@ -445,7 +455,7 @@ impl FramePlan {
         // Of the pool's light points, whose view is filled again for each band.
         let around_lights =
             subpaths * self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
-        let views = if self.rays { 0 } else { around_lights + subpaths * self.extensions.len() as u32 };
+        let views = if self.rays { 0 } else { around_lights + subpaths * self.bundles() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
             "view_setup",
@@ -453,7 +463,7 @@ impl FramePlan {
             if self.rays {
                 "ray queries answer".to_owned()
             } else {
-                let bundles = subpaths as usize * self.extensions.len();
+                let bundles = subpaths as usize * self.bundles();
                 format!("once per view: {around_lights} around light vertices, {bundles} bundles")
             },
         );
@@ -547,6 +557,11 @@ impl FramePlan {
             } else {
                 "nothing shines by itself, so the last vertex is the last that is joined".to_owned()
             },
+        );
+        pass(
+            "list_lengths",
+            if self.list_lengths { bands } else { 0 },
+            if self.list_lengths { "in place of light" } else { "not asked for" }.to_owned(),
         );
         let to = if self.is_live() { "the frame's layers, which are filtered" } else { "film" };
         pass("accumulate", bands + clear_bands, to.to_owned());

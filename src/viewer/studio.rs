@@ -454,7 +454,8 @@ impl Worker {
         let coarseness = if layer.is_feature() { 1 } else { bench.pace.coarseness(order.moving) };
         let [width, height] = Pace::size([wanted.settings.width, wanted.settings.height], coarseness);
         let only = if let Layer::Strategy(only) = layer { Some(only) } else { None };
-        let settings = Settings { width, height, only, ..wanted.settings.clone() };
+        let list_lengths = layer == Layer::Lists;
+        let settings = Settings { width, height, only, list_lengths, ..wanted.settings.clone() };
         let settings = if order.moving { in_motion(settings) } else { settings };
         let scene = stage.scene(settings.method);
         let camera = camera_of(order, scene, &settings)?;
@@ -550,6 +551,9 @@ impl Worker {
                 if layer != Layer::Error {
                     picture.layer = layer;
                 }
+                if layer == Layer::Lists {
+                    picture.film = Arc::new(show_lengths(&picture.film));
+                }
                 if let Some(truth) = truth {
                     let reference = truth.film();
                     let compared = metrics::compare(&picture.film, &reference);
@@ -579,7 +583,8 @@ impl Worker {
 /// What makes a good picture of a sample: light subpaths of several kinds, filtered, and what was seen before. Settings that say something
 /// of this themselves stay as they are.
 fn in_motion(settings: Settings) -> Settings {
-    let plain = settings.method.shares_subpaths() && settings.only.is_none() && !settings.is_live();
+    let whole = settings.only.is_none() && !settings.list_lengths;
+    let plain = settings.method.shares_subpaths() && whole && !settings.is_live();
     if plain { Settings { interleave: SQUARE, history: FRAMES, ..settings } } else { settings }
 }
 
@@ -604,6 +609,17 @@ fn show_feature(features: Features, layer: Layer) -> Film {
         Layer::Normal => each(features.normal, &|p| if p == [0.0; 3] { p } else { p.map(|x| 0.5 * x + 0.5) }),
         _ => features.albedo,
     }
+}
+
+/// Lengths of lists as colours: none black, 1 blue, 8 green, 64 and more red, and in between by their logarithm.
+#[must_use]
+pub fn show_lengths(film: &Film) -> Film {
+    let color = |length: f32| {
+        let place = length.max(1.0).log2() / 3.0;
+        let green = (1.0 - (place - 1.0).abs()).max(0.0);
+        if length > 0.0 { [(place - 1.0).clamp(0.0, 1.0), green, (1.0 - place).max(0.0)] } else { [0.0; 3] }
+    };
+    Film { pixels: film.pixels.iter().map(|p| color(p[0])).collect(), ..*film }
 }
 
 /// What the window needs to know; with the warnings of methods that cannot follow light through surfaces, where one `shares` subpaths.
