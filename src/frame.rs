@@ -23,6 +23,7 @@ use crate::passes::light_gifts::LightGifts;
 use crate::passes::light_point::LightPoint;
 use crate::passes::light_pool::LightPool;
 use crate::passes::light_subpath::LightSubpath;
+use crate::passes::list_lengths::ListLengths;
 use crate::passes::rsm::Rsm;
 use crate::passes::view_lists::ViewLists;
 use crate::passes::view_setup::ViewSetup;
@@ -49,6 +50,7 @@ pub struct Frame {
     /// In order, each with its constants; those that the pool makes have no pass.
     connections: Vec<(Connection, wgpu::Buffer, Option<Connect>)>,
     extensions: Vec<(wgpu::Buffer, Extend)>,
+    list_lengths: Option<ListLengths>,
     accumulate: Accumulate,
     /// Around the light vertices, then the bundles.
     views: Vec<ViewBuffers>,
@@ -155,6 +157,7 @@ impl Frame {
             eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
             connections: connections.collect(),
             extensions: extensions.collect(),
+            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(visibility))),
             accumulate: Accumulate::new(gpu, layered),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
@@ -296,7 +299,7 @@ impl Frame {
         }
 
         // One ray-bundle per bounce (section 3.2), each in a direction of its own.
-        for (n, view) in self.views.iter().enumerate().skip(light_vertices).take(self.extensions.len()) {
+        for (n, view) in self.views.iter().enumerate().skip(light_vertices).take(self.plan.bundles()) {
             let n_bundle = (n - light_vertices) as u32;
             let numbers = sampler.get2(Decision::Bundle(n_bundle));
             let forward = self.directions.as_ref().map_or_else(|| uniform_sphere(numbers), |d| d.draw(numbers));
@@ -374,6 +377,9 @@ impl Frame {
         starts: &[layouts::LightStart],
     ) {
         self.meet(gpu, encoder, scene, band);
+        if let Some(pass) = &self.list_lengths {
+            return pass.record(gpu, encoder, scene, band, &self.views[0]);
+        }
 
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=self.plan.bounces + 1 {

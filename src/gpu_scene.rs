@@ -86,10 +86,14 @@ impl Room {
     }
 }
 
+fn triangles_of(geometry: &Geometry) -> impl Iterator<Item = layouts::Triangle> {
+    let triangles = geometry.triangles.iter().zip(&geometry.materials);
+    triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material })
+}
+
 /// All triangles, and as many without area as there is room for.
 fn triangles(geometry: &Geometry, room: usize) -> Vec<layouts::Triangle> {
-    let triangles = geometry.triangles.iter().zip(&geometry.materials);
-    let mut out: Vec<_> = triangles.map(|(&vertices, &material)| layouts::Triangle { vertices, material }).collect();
+    let mut out: Vec<_> = triangles_of(geometry).collect();
     out.resize(room, layouts::Triangle::default());
     out
 }
@@ -269,14 +273,16 @@ impl GpuScene {
             && self.tables.iter().zip(wanted).all(|((name, table), (n, data))| *name == n && as_long(table, data.len()))
     }
 
-    /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). Acceleration structures stay what they
-    /// were.
-    pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, lights: &LightTable) {
-        gpu.queue.write_buffer(
-            &self.triangle_buffer,
-            0,
-            bytemuck::cast_slice(&triangles(geometry, self.room.triangles)),
-        );
+    /// Uploads what another pose changes beside the vertices; it has to [fit](Self::fits). `refined`: whether refining makes other
+    /// triangles. Acceleration structures stay what they were.
+    pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, refined: bool, lights: &LightTable) {
+        let plain = geometry.triangles.len() - geometry.tessellated;
+        let triangles = if refined {
+            triangles(geometry, self.room.triangles)
+        } else {
+            triangles_of(geometry).take(plain).collect()
+        };
+        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles));
         self.relight(gpu, lights);
         (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
     }

@@ -49,6 +49,8 @@
 //! [`passes::gradient`], [`passes::temporal`], [`passes::filter`], [`passes::outliers`], [`passes::compose`],
 //! [`passes::antialias`].
 //!
+//! [`passes::list_lengths`] shows what look-ups cost, in place of light, where the viewer asks for it.
+//!
 //! # With ray queries
 //!
 //! `twin` is the same [`frame`] with no views rasterized: shaders/visibility has the same questions answered by lists and by rays,
@@ -68,7 +70,8 @@
 //! and places every vertex in the buffers that all passes and ray queries read; bounds and lights come from the CPU's pose.
 //!
 //! Meshes that are to be refined ([`scene::tessellation`]) are cut when the scene is flattened ([`scene::refine`]), by factors of edges that
-//! the scene's camera decides once a frame; [`passes::tessellate`] puts the new vertices into the same buffers. [`posing`] has both passes.
+//! the scene's camera decides once a frame; [`passes::tessellate`] puts the new vertices into the same buffers. [`posing`] has both passes, and
+//! keeps which vertices and triangles there are as long as edges are cut alike.
 //!
 //! # Glossary
 //!

@@ -126,6 +126,7 @@ impl<'gpu> PathRenderer<'gpu> {
         // Its shaders always ask how many lights there are.
         gpu_scene.stand_in(gpu, &[plan.flags.as_slice(), &["PUNCTUAL"]].concat());
         gpu_scene.accelerate(gpu, scene, &geometry)?;
+        posing.keep(geometry, sources);
         let frame = gpu.uniform::<layouts::Frame>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&describe_camera(&camera, settings)));
         let light_nodes = light_nodes.map(|nodes| gpu.upload("light_nodes", &nodes));
@@ -166,16 +167,17 @@ impl<'gpu> PathRenderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let (geometry, sources) = Geometry::with_sources(scene);
+        let (geometry, sources, same) = self.posing.flatten(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
         if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
         let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
-        self.scene.pose(self.gpu, &geometry, &table);
+        self.scene.pose(self.gpu, &geometry, !same, &table);
         self.posing.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         self.scene.accelerate(self.gpu, scene, &geometry)?;
+        self.posing.keep(geometry, sources);
         let described = describe_camera(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
         self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
@@ -190,7 +192,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let described = describe_camera(camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&described));
         [self.constants.lens_radius, self.constants.focus] = lens_of(camera);
-        self.stats = RenderStats { scene_bytes: self.scene.bytes, ..Default::default() };
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         self.restart(self.constants.seed);
     }
 

@@ -108,6 +108,8 @@ pub struct FramePlan {
     pub connections: Vec<Connection>,
     /// Extensions in order; each takes a bundle of its own.
     pub extensions: Vec<Extension>,
+    /// Whether lengths of the first bundle's lists take the place of light.
+    pub list_lengths: bool,
     /// Texels along a side of a bundle.
     pub bundle_resolution: u32,
     /// Slabs of depths that a texel of a bundle keeps lists for.
@@ -149,10 +151,11 @@ impl FramePlan {
         let counts = |s, t| settings.only.is_none_or(|only| (only.s, only.t) == (s, t));
         let unweighted = settings.only.is_some_and(|only| !only.weighted);
         let paper = settings.strategies == Strategies::Paper;
-        let shines = stats.environment || stats.emissive_triangles > 0;
+        let list_lengths = settings.list_lengths;
+        let shines = !list_lengths && (stats.environment || stats.emissive_triangles > 0);
         // The paper meets such lights by bundles alone.
         let starts_from_met = shines && !paper;
-        let light_vertices = match (stats.lights > 0 || starts_from_met, settings.strategies) {
+        let light_vertices = match (!list_lengths && stats.lights > 0 || starts_from_met, settings.strategies) {
             (false, _) => 0,
             (_, Strategies::Bundle) => 1,
             (_, Strategies::Paper) => MOST_LIGHT_VERTICES.min(bounces + 1).min(2),
@@ -256,6 +259,7 @@ impl FramePlan {
             rsm: stats.lights > 0 && light_vertices > 1,
             connections,
             extensions,
+            list_lengths,
             camera_meets: meets(0),
             bundle_resolution,
             bundle_slabs,
@@ -299,11 +303,17 @@ impl FramePlan {
             views.push(Texels::around(if s == 0 { self.light_resolution } else { self.vpl_resolution }));
         }
         let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
-        views.extend(self.extensions.iter().map(|_| bundle));
+        views.extend((0..self.bundles()).map(|_| bundle));
         if self.has_pool() {
             views.push(Texels::around(self.light_resolution));
         }
         views
+    }
+
+    /// Bundles of a light subpath.
+    #[must_use]
+    pub fn bundles(&self) -> usize {
+        self.extensions.len() + usize::from(self.list_lengths)
     }
 
     /// Whether direct light comes from a pool of light points.
@@ -315,7 +325,7 @@ impl FramePlan {
     /// Which view the pool's light points share but for the first.
     #[must_use]
     pub fn pool_view(&self) -> Option<usize> {
-        self.has_pool().then(|| self.light_vertices as usize + self.extensions.len())
+        self.has_pool().then(|| self.light_vertices as usize + self.bundles())
     }
 
     /// Items that views start with room for; it grows where a frame needs more.
@@ -453,7 +463,7 @@ impl FramePlan {
         // Of the pool's light points, whose view is filled again for each band.
         let around_lights =
             subpaths * self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
-        let views = if self.rays { 0 } else { around_lights + subpaths * self.extensions.len() as u32 };
+        let views = if self.rays { 0 } else { around_lights + subpaths * self.bundles() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
             "view_setup",
@@ -461,7 +471,7 @@ impl FramePlan {
             if self.rays {
                 "ray queries answer".to_owned()
             } else {
-                let bundles = subpaths as usize * self.extensions.len();
+                let bundles = subpaths as usize * self.bundles();
                 format!("once per view: {around_lights} around light vertices, {bundles} bundles")
             },
         );
@@ -555,6 +565,11 @@ impl FramePlan {
             } else {
                 "nothing shines by itself, so the last vertex is the last that is joined".to_owned()
             },
+        );
+        pass(
+            "list_lengths",
+            if self.list_lengths { bands } else { 0 },
+            if self.list_lengths { "in place of light" } else { "not asked for" }.to_owned(),
         );
         let to = if self.is_live() { "the frame's layers, which are filtered" } else { "film" };
         pass("accumulate", bands + clear_bands, to.to_owned());

@@ -15,9 +15,25 @@ pub struct Posing {
     rest: Option<Rest>,
     deform: Option<Deform>,
     tessellate: Option<Tessellate>,
+    /// The last pose, flattened, where any of it is refined.
+    flat: (Geometry, Sources),
 }
 
 impl Posing {
+    /// Flattens a pose; says whether refining makes the same vertices and triangles as in the one that was [kept](Self::keep).
+    pub fn flatten(&mut self, scene: &Scene) -> (Geometry, Sources, bool) {
+        let (mut geometry, mut sources) = std::mem::take(&mut self.flat);
+        let same = geometry.follow(&mut sources, scene);
+        (geometry, sources, same)
+    }
+
+    /// Keeps a pose that is on the device for the next one to go on from.
+    pub fn keep(&mut self, geometry: Geometry, sources: Sources) {
+        if geometry.tessellated > 0 {
+            self.flat = (geometry, sources);
+        }
+    }
+
     /// Refines what is refined, for the first picture of a scene, whose other vertices are uploaded where they are.
     ///
     /// # Errors

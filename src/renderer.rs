@@ -154,6 +154,7 @@ impl<'gpu> Renderer<'gpu> {
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }
+        posing.keep(geometry, sources);
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
         let directions = environment.and_then(BundleDirections::new);
         let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
@@ -181,7 +182,7 @@ impl<'gpu> Renderer<'gpu> {
     /// # Errors
     /// As [`Self::new`].
     pub fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
-        let (geometry, sources) = Geometry::with_sources(scene);
+        let (geometry, sources, same) = self.posing.flatten(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings, None)?;
         // The clamp of `paper` is a share of the scene's size, which its pipelines' constants hold.
         let kept = prepared.plan.does_as(&self.plan) && self.settings.strategies != Strategies::Paper;
@@ -194,11 +195,12 @@ impl<'gpu> Renderer<'gpu> {
             self.posing.look_back(self.gpu, &self.scene, scene, &geometry, &sources);
             live.change(self.gpu, &self.scene);
         }
-        self.scene.pose(self.gpu, &geometry, &lights);
+        self.scene.pose(self.gpu, &geometry, !same, &lights);
         self.posing.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         if self.plan.rays {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
+        self.posing.keep(geometry, sources);
         self.frame.forget_lights();
         self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights) = (camera, lights);

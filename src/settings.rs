@@ -262,6 +262,9 @@ pub struct Settings {
     /// The one strategy that counts, for images per strategy.
     #[arg(skip)]
     pub only: Option<OnlyStrategy>,
+    /// What raster shows in place of light: entries of lists that look-ups along the first bundle walk, a mean over directions.
+    #[arg(skip)]
+    pub list_lengths: bool,
     /// Texels along a side of a ray-bundle, 16 to 2048 [default: chosen from the scene]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub bundle_resolution: Option<u32>,
@@ -342,6 +345,7 @@ impl Default for Settings {
             restir_bias: RestirBias::Unbiased,
             restir_memory: 0.0,
             only: None,
+            list_lengths: false,
             bundle_resolution: None,
             light_resolution: None,
             vpl_resolution: None,
@@ -497,6 +501,7 @@ impl Settings {
         let changed = [
             ("--visibility", visibility, "raster"),
             ("--list-room", room, "raster"),
+            ("list lengths", (self.list_lengths && !raster).then(|| "true".to_owned()), "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--clamp-samples", lobes, "raster and twin"),

@@ -101,6 +101,7 @@ fn without_light_only_the_camera_looks() {
         ("light_gifts", 0),
         ("light_pool", 0),
         ("extend", 0),
+        ("list_lengths", 0),
         ("accumulate", 1),
         ("gradient", 0),
         ("temporal", 0),

@@ -67,6 +67,8 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && (!has("RESERVOIRS") || (has("LIGHT_TREE") && !has("LIGHT_PATHS")))
         && (pass != "reservoirs" || has("LIGHT_TREE"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
+        // Entries are counted where somebody reads the count.
+        && has("WALKED") == (pass == "list_lengths")
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
 }
 
@@ -82,8 +84,12 @@ const FEW: u32 = 3;
 /// All sensible subsets, or those of them with few flags on, or few off.
 fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
     // Reached by imports alone; no set with them is sensible.
-    let flags: Vec<_> =
-        flags.iter().copied().filter(|f| follows_mirrors(pass) || !matches!(*f, "SPECULAR" | "TRANSMISSION")).collect();
+    let flags: Vec<_> = flags
+        .iter()
+        .copied()
+        .filter(|f| follows_mirrors(pass) || !matches!(*f, "SPECULAR" | "TRANSMISSION"))
+        .filter(|f| pass == "list_lengths" || *f != "WALKED")
+        .collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
     let few = |bits: &u32| bits.count_ones().min(flags.len() as u32 - bits.count_ones()) <= FEW;
     (0..1_u32 << flags.len())

@@ -14,13 +14,13 @@ use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive, Renderer};
-use lightsheaf::scene::{EnvironmentChange, Light, Scene, builtin};
+use lightsheaf::scene::{EnvironmentChange, Geometry, Light, Scene, Viewpoint, builtin};
 use lightsheaf::settings::{Method, OnlyStrategy, Settings};
 use lightsheaf::viewer::grade::{Curve, Grade};
 use lightsheaf::viewer::order::{Card, Command, Edits, Layer, Machine, Order, Pane, Picture, Source};
 use lightsheaf::viewer::stand::Stand;
 use lightsheaf::viewer::state::{Launch, State};
-use lightsheaf::viewer::studio::{Desk, Note, Studio, open};
+use lightsheaf::viewer::studio::{Desk, Note, Studio, open, show_lengths};
 
 /// Longest that anything here takes.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -146,6 +146,44 @@ fn pictures_are_those_of_a_renderer_from_everywhere_and_under_every_light() {
     assert_eq!(bench.picture(rested, 1).film.width, 48);
 }
 
+/// Hills that are refined by pixels are so for the camera that looks, once it rests.
+#[test]
+fn surfaces_are_refined_for_whoever_looks() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut scene = builtin::load("terrain").unwrap();
+    let source = Source { spec: "builtin:terrain".to_owned(), environment: EnvironmentChange::default() };
+    let home = Order { source, ..order(Method::Raster) };
+    let mut bench = Bench::new(open);
+    let number = bench.show(home.clone());
+    let picture = bench.picture(number, 1);
+    scene.viewpoint = Some(Viewpoint { camera: 0, size: [48, 27] });
+    assert!(same(&picture.film, &rendered(gpu, &scene, picture.stats.samples)));
+
+    // From nearer by there are more triangles.
+    let far = Stand::of(&scene.cameras[0], 4.0);
+    let near = Stand { eye: far.eye.lerp(far.target, 0.7), ..far }.camera(&scene.cameras[0]);
+    let mut moved = scene.clone();
+    moved.cameras[0] = near.clone();
+    let triangles = |scene: &Scene| Geometry::new(scene).triangles.len();
+    assert!(triangles(&moved) > triangles(&scene), "scope");
+    let looking = Order { camera: Some(near.clone()), ..home };
+    let bytes = |picture: &Picture| picture.stats.scene_bytes;
+    // While it moves, they are those that were there.
+    let moving = bench.show(Order { moving: true, ..looking.clone() });
+    let coarse = bench.until("a moving picture", |desk| desk.pictures[0].clone().filter(|p| p.order == moving));
+    assert_eq!(bytes(&coarse), bytes(&picture));
+    let number = bench.show(looking);
+    let rested = bench.picture(number, 1);
+    assert!(bytes(&rested) > bytes(&picture));
+    let film = rendered(gpu, &moved, rested.stats.samples);
+    assert!(same(&rested.film, &film));
+    // The planted error: seen from there, but refined for elsewhere.
+    let mut stale = moved;
+    stale.cameras.push(scene.cameras[0].clone());
+    stale.viewpoint = Some(Viewpoint { camera: 1, size: [48, 27] });
+    assert!(!same(&rendered(gpu, &stale, rested.stats.samples), &film));
+}
+
 /// Also where lights are chosen for what they give the view, and through a lens.
 #[test]
 fn looking_elsewhere_is_what_a_new_renderer_shows() {
@@ -200,7 +238,7 @@ fn every_method_and_layer_shows_the_box() {
         ..order(Method::Raster)
     };
     let only = OnlyStrategy { s: 1, t: 2, weighted: true };
-    for layer in [Layer::Distance, Layer::Normal, Layer::Albedo, Layer::Strategy(only), Layer::Error] {
+    for layer in [Layer::Distance, Layer::Normal, Layer::Albedo, Layer::Strategy(only), Layer::Error, Layer::Lists] {
         let number = bench.show(with(layer));
         let both = bench.until("both pictures", |desk| {
             let shows = |p: &&Picture| p.order == number && p.layer == layer;
@@ -210,9 +248,55 @@ fn every_method_and_layer_shows_the_box() {
         assert_eq!((both.0.layer, both.1.layer), (layer, Layer::Light));
         let film = &both.0.film;
         assert!(film.pixels.iter().flatten().all(|v| (0.0..1e3).contains(v)), "{layer:?}");
-        assert!(film.pixels.iter().any(|p| p[0] > 0.05), "{layer:?} shows something");
+        assert!(film.pixels.iter().flatten().any(|&v| v > 0.05), "{layer:?} shows something");
         assert_eq!(both.0.error.is_some(), layer == Layer::Error);
     }
+}
+
+/// Counted by the renderer, in colours by the studio.
+#[test]
+fn list_lengths_are_those_of_the_bundle_s_lists() {
+    let Some(gpu) = common::gpu() else { return };
+    let scene = builtin::load("cornell_point").unwrap();
+    let counted = |scene: &Scene, texels: u32, samples: u64| {
+        let base = settings(Method::Raster);
+        let settings = Settings { list_lengths: true, bundle_resolution: Some(texels), bounces: 0, ..base };
+        let mut renderer = Renderer::new(gpu, scene, &settings).unwrap();
+        let runs = |name| renderer.plan().passes.iter().find(|p| p.name == name).unwrap().runs;
+        assert_eq!([runs("list_lengths"), runs("view_lists"), runs("connect"), runs("extend")], [1, 1, 0, 0]);
+        renderer.render(samples, &mut |_| true).unwrap();
+        renderer.film().unwrap()
+    };
+    // What a pixel sees touches its texel, nothing is in a list twice, and pixels beside the box see nothing.
+    let once = counted(&scene, 128, 1);
+    let lengths: Vec<f32> = once.pixels.iter().map(|p| p[0]).collect();
+    assert!(lengths.iter().all(|&n| n.fract() == 0.0 && (0.0..=30.0).contains(&n)), "{lengths:?}");
+    assert!(lengths.iter().filter(|&&n| n >= 1.0).count() > lengths.len() / 2, "{lengths:?}");
+    let mean = |film: &Film| film.pixels.iter().map(|p| p[0]).sum::<f32>() / film.pixels.len() as f32;
+    // One texel that all of the box is in, or nearly; the finer, the fewer.
+    let [coarse, fine] = [16, 512].map(|texels| mean(&counted(&scene, texels, 16)));
+    assert!(coarse > 1.3 * fine && fine >= 2.0, "{coarse} {fine}");
+    // The same surfaces twice make lists twice as long.
+    let mut twice = scene.clone();
+    twice.instances.extend(scene.instances.clone());
+    let twice = counted(&twice, 128, 1);
+    assert!(twice.pixels.iter().zip(&lengths).all(|(p, n)| p[0] == 2.0 * n), "every entry is there twice");
+    // Nothing is looked up where nothing is seen.
+    let mut away = scene.clone();
+    away.cameras[0] = scene.cameras[0].clone().looking(Vec3::splat(100.0), Vec3::splat(200.0)).unwrap();
+    assert_eq!(counted(&away, 128, 1), Film::new(48, 27));
+
+    let mut bench = Bench::new(open);
+    let lists = vec![Pane { settings: settings(Method::Raster), layer: Layer::Lists }];
+    let number = bench.show(Order { panes: lists, ..order(Method::Raster) });
+    let picture = bench.picture(number, 4);
+    let resolution = Renderer::new(gpu, &scene, &settings(Method::Raster)).unwrap().plan().bundle_resolution;
+    let expected = show_lengths(&counted(&scene, resolution, picture.stats.samples));
+    assert!(picture.layer == Layer::Lists && same(&picture.film, &expected));
+    assert!(expected.pixels.iter().any(|p| *p != expected.pixels[0]), "scope: it is not all one colour");
+    let film = |lengths: [f32; 4]| Film { width: 4, height: 1, pixels: lengths.map(|n| [n; 3]).to_vec() };
+    let colors = [[0.0; 3], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    assert_eq!(show_lengths(&film([0.0, 1.0, 8.0, 300.0])).pixels, colors);
 }
 
 #[test]

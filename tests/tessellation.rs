@@ -407,6 +407,50 @@ fn factors_follow_the_camera_from_frame_to_frame() {
     }
 }
 
+/// Going on from pose to pose gives what each is by itself, and keeps what refining makes where edges are cut as before.
+#[test]
+fn poses_that_go_on_are_those_made_anew() {
+    let at = |factor, away: f32, seconds: f32| {
+        let fine = Tessellation { factor, phong: 0.75, displacement: waves(1.0) };
+        let mut scene = alone(icosphere(1), fine.clone());
+        let beside = Affine3A::from_translation(Vec3::new(1.5 + seconds, 0.0, -1.0));
+        scene.meshes.push(cube());
+        scene.instances.push(Instance { mesh: 1, world_from_local: beside });
+        scene.instances.push(Instance { mesh: 0, world_from_local: Affine3A::from_translation(Vec3::NEG_X) });
+        Scene { cameras: vec![pinhole(Vec3::Z * away, Vec3::NEG_Z, 0.9)], seconds, ..scene }
+    };
+    let (fixed, pixels) = (EdgeFactor::Fixed(5), EdgeFactor::Pixels(9.0));
+    for (name, old, new, kept) in [
+        ("fixed", at(fixed, 3.0, 0.2), at(fixed, 2.5, 0.5), true),
+        ("by pixels, from one place", at(pixels, 3.0, 0.2), at(pixels, 3.0, 0.5), true),
+        ("by pixels, from another", at(pixels, 3.0, 0.2), at(pixels, 2.5, 0.5), false),
+        ("other factors", at(fixed, 3.0, 0.2), at(EdgeFactor::Fixed(6), 3.0, 0.5), false),
+        ("another mesh", at(fixed, 3.0, 0.2), alone(cube(), Tessellation::default()), false),
+    ] {
+        let (mut geometry, mut sources) = Geometry::with_sources(&old);
+        let places = |geometry: &Geometry| geometry.vertices.iter().map(|v| (v.position, v.uvs)).collect::<Vec<_>>();
+        let before = places(&geometry);
+        assert_eq!(geometry.follow(&mut sources, &new), kept, "{name}");
+        let (anew, sources_anew) = Geometry::with_sources(&new);
+        assert!(places(&geometry) == places(&anew) && before != places(&anew), "{name}");
+        assert!(geometry.triangles == anew.triangles && geometry.materials == anew.materials, "{name}");
+        assert_eq!((geometry.bounds, geometry.tessellated), (anew.bounds, anew.tessellated), "{name}");
+        assert!(sources == sources_anew, "{name}");
+        let Some(gpu) = gpu() else { continue };
+        let settings = Settings { width: 32, height: 32, bounces: 1, ..Settings::default() };
+        let renderer = |scene: &Scene| Renderer::new(gpu, scene, &settings).unwrap();
+        let mut followed = renderer(&old);
+        // Twice: the second time from a pose that was gone on to.
+        for pose in [&new, &old, &new] {
+            followed.pose(pose).unwrap();
+        }
+        let [followed, old, new] = [followed, renderer(&old), renderer(&new)].map(|mut r| picture(&mut r, 4));
+        let apart = compare(&followed, &new).unwrap();
+        assert!(apart.rel_mse < 1e-5, "{name}: {apart:?}");
+        assert!(compare(&followed, &old).unwrap().rel_mse > 1e-3, "{name}: a late frame was not noticed");
+    }
+}
+
 /// What a frame of a displaced mesh that moves costs over one of the same mesh at rest. Asked for alone, since other work on the machine
 /// is in it.
 #[test]

@@ -79,6 +79,7 @@ modules!(
     "light_point",
     "light_pool",
     "light_subpath",
+    "list_lengths",
     "mis_sums",
     "non_finite",
     "outliers",

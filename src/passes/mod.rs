@@ -18,6 +18,7 @@ pub mod light_paths;
 pub mod light_point;
 pub mod light_pool;
 pub mod light_subpath;
+pub mod list_lengths;
 pub mod outliers;
 pub mod queries;
 pub mod ray_queries;

@@ -8,7 +8,7 @@ use crate::gpu::{Compute, Gpu, GpuError, rows};
 use crate::gpu_scene::{GpuScene, packed};
 use crate::layouts::{self, Blend, Control, ControlOrigin, NewVertices, Refinement};
 use crate::rest::Rest;
-use crate::scene::refine::{self, Refined};
+use crate::scene::refine::{self, Refined, Topology};
 use crate::scene::{Geometry, Height, Scene, Wrap};
 
 /// The passes and what they read.
@@ -26,8 +26,8 @@ pub struct Tessellate {
     blends: wgpu::Buffer,
     /// Where each new vertex's triangles are listed, and the lists.
     rings: Option<(wgpu::Buffer, wgpu::Buffer)>,
-    /// Blends and triangles that are on the device.
-    there: (Vec<refine::Blend>, Vec<[u32; 3]>),
+    /// What made the blends that are on the device.
+    there: Option<Topology>,
 }
 
 /// A surface's constants at the scene's time, and the waves that all surfaces have.
@@ -144,8 +144,9 @@ fn control_origins(scene: &Scene, refined: &Refined, rest: &Rest) -> (Vec<Contro
 /// The triangles around the place of each new vertex, in order; none around those of surfaces that are not displaced.
 fn rings(refined: &Refined, geometry: &Geometry, displaced: impl Fn(usize) -> bool) -> (Vec<[u32; 2]>, Vec<u32>) {
     let count = refined.blends.len();
-    let triangles = || (refined.first_triangle..).zip(&geometry.triangles[refined.first_triangle as usize..]);
-    let weld = |v: u32| refined.welds[(v - refined.first_vertex) as usize] as usize;
+    let Topology { first_vertex, first_triangle, .. } = refined.topology;
+    let triangles = || (first_triangle..).zip(&geometry.triangles[first_triangle as usize..]);
+    let weld = |v: u32| refined.welds[(v - first_vertex) as usize] as usize;
     let mut ends = vec![0_u32; count + 1];
     triangles().for_each(|(_, t)| t.iter().for_each(|&v| ends[weld(v) + 1] += 1));
     for i in 0..count {
@@ -206,7 +207,7 @@ impl Tessellate {
             new_vertices: gpu.uniform::<NewVertices>("new_vertices"),
             blends: gpu.storage("blends", 0),
             rings: displaced.then(|| (gpu.storage("rings", 0), gpu.storage("ring_triangles", 0))),
-            there: Default::default(),
+            there: None,
         })
     }
 
@@ -282,12 +283,11 @@ impl Tessellate {
 
     /// Uploads which new vertices and triangles there are, unless they are those of the pose before; says whether they are others.
     fn put_topology(&mut self, gpu: &Gpu, geometry: &Geometry, refined: &Refined, constants: &Constants) -> bool {
-        let triangles = &geometry.triangles[refined.first_triangle as usize..];
-        if self.there.0 == refined.blends && self.there.1 == triangles {
+        if self.there.as_ref() == Some(&refined.topology) {
             return false;
         }
-        let first_and_count =
-            NewVertices { first: refined.first_vertex, count: refined.blends.len() as u32, ..Default::default() };
+        let (first, count) = (refined.topology.first_vertex, refined.blends.len() as u32);
+        let first_and_count = NewVertices { first, count, ..Default::default() };
         gpu.queue.write_buffer(&self.new_vertices, 0, bytemuck::bytes_of(&first_and_count));
         let blend = |b: &refine::Blend| Blend { corners: b.corners, y: b.y, heights: b.heights, z: b.z };
         put(gpu, &mut self.blends, "blends", &refined.blends.iter().map(blend).collect::<Vec<_>>());
@@ -303,7 +303,7 @@ impl Tessellate {
             put(gpu, starts, "rings", &rings);
             put(gpu, list, "ring_triangles", &triangles);
         }
-        self.there = (refined.blends.clone(), triangles.to_vec());
+        self.there = Some(refined.topology.clone());
         true
     }
 }

@@ -117,39 +117,67 @@ impl Geometry {
     /// Flattens a scene. Triangles without area are left out: they can neither be hit nor seen.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        Self::flatten(scene, None)
+        let mut out = Self::default();
+        let refined = out.add_plain(scene, None);
+        let surfaces = refine::surfaces(scene, &refined);
+        out.refine(scene, surfaces, true);
+        out.bound();
+        out
     }
 
     /// The same, with the origin of each vertex, for the device, which finds the normals of displaced surfaces: here these have those of
     /// the surface before.
     #[must_use]
     pub fn with_sources(scene: &Scene) -> (Self, Sources) {
-        let mut sources = Sources::default();
-        let geometry = Self::flatten(scene, Some(&mut sources));
+        let (mut geometry, mut sources) = (Self::default(), Sources::default());
+        geometry.follow(&mut sources, scene);
         (geometry, sources)
     }
 
-    fn flatten(scene: &Scene, mut sources: Option<&mut Sources>) -> Self {
-        let mut out = Self::default();
+    /// Goes on to another pose of a scene that it is of, as [`Self::with_sources`] gives it, but for normals and tangents of refined
+    /// surfaces, which the device finds. What refining makes is kept where it is the same; says whether it is.
+    pub fn follow(&mut self, sources: &mut Sources, scene: &Scene) -> bool {
+        let (mut next, mut origins) = (Self::default(), Vec::new());
+        let refined = next.add_plain(scene, Some(&mut origins));
+        let surfaces = refine::surfaces(scene, &refined);
+        let (vertices, triangles) = (next.vertices.len(), next.triangles.len());
+        let kept = !surfaces.is_empty() && sources.refined.topology.is_of(&surfaces, vertices, triangles);
+        if kept {
+            self.vertices.splice(..vertices, next.vertices);
+            self.triangles.splice(..triangles, next.triangles);
+            self.materials.splice(..triangles, next.materials);
+            refine::follow(self, &sources.refined, scene, &surfaces);
+        } else {
+            sources.refined = next.refine(scene, surfaces, false);
+            *self = next;
+        }
+        sources.origins = origins;
+        self.bound();
+        kept
+    }
+
+    /// Adds all that is not refined; says which instances are.
+    fn add_plain(&mut self, scene: &Scene, mut origins: Option<&mut Vec<Origin>>) -> Vec<usize> {
         let is_refined = |i: &usize| scene.meshes[scene.instances[*i].mesh].refinement().is_some();
         let (refined, plain): (Vec<_>, Vec<_>) = (0..scene.instances.len()).partition(is_refined);
         for instance in plain {
-            out.add(scene, instance, sources.as_mut().map(|sources| &mut sources.origins));
+            self.add(scene, instance, origins.as_deref_mut());
         }
-        if !refined.is_empty() {
-            let refined = refine::add(&mut out, scene, &refined, sources.is_none());
-            out.tessellated = out.triangles.len() - refined.first_triangle as usize;
-            if let Some(sources) = sources {
-                sources.refined = refined;
-            }
-        }
-        let corners = |t: &[u32; 3]| t.map(|i| out.vertices[i as usize].position);
-        let bounds = out.triangles.par_iter().map(|t| {
-            let [a, b, c] = corners(t);
+        refined
+    }
+
+    fn refine(&mut self, scene: &Scene, surfaces: Vec<refine::Surface>, normals: bool) -> Refined {
+        let refined = refine::add(self, scene, surfaces, normals);
+        self.tessellated = self.triangles.len() - refined.topology.first_triangle as usize;
+        refined
+    }
+
+    fn bound(&mut self) {
+        let bounds = (0..self.triangles.len()).into_par_iter().map(|t| {
+            let [a, b, c] = self.positions(t);
             [a.min(b).min(c), a.max(b).max(c)]
         });
-        out.bounds = bounds.reduce_with(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default();
-        out
+        self.bounds = bounds.reduce_with(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default();
     }
 
     /// Adds an instance, and the origins of its vertices where they are asked for.

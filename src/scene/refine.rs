@@ -7,7 +7,7 @@
 //! edges), they keep one place, the normal that they have together and one height, which the first of them gives.
 //!
 //! Where they lie is computed twice: here, for bounds, lights and the reference, and in compute (shaders/tessellate.wesl), in the same
-//! order of operations.
+//! order of operations. From pose to pose they stay which they are while the [`Topology`] is the same, and only their places are found anew.
 
 use std::collections::HashMap;
 use std::ops::{Add, Mul};
@@ -57,10 +57,39 @@ pub struct Refined {
     pub blends: Vec<Blend>,
     /// For each of them the first new vertex at the same place; its normal is that of the triangles around all of these.
     pub welds: Vec<u32>,
+    /// Why there are these and no others.
+    pub topology: Topology,
+}
+
+/// What decides which new vertices and triangles there are.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Topology {
     /// The geometry's first new vertex.
     pub first_vertex: u32,
     /// The geometry's first new triangle.
     pub first_triangle: u32,
+    /// Of each refined instance.
+    cuts: Vec<Cut>,
+}
+
+/// How an instance is cut.
+#[derive(Clone, Debug, PartialEq)]
+struct Cut {
+    instance: usize,
+    /// For each vertex of the mesh the first one at the same place at rest.
+    welds: Vec<u32>,
+    /// Corners in the mesh, counter-clockwise seen from the front; no two of them at one place.
+    patches: Vec<[u32; 3]>,
+    /// Of each patch, the edges from the first, second and third corner to the next.
+    factors: Vec<[u32; 3]>,
+}
+
+impl Topology {
+    /// Whether surfaces become the same vertices and triangles behind so many others.
+    pub(super) fn is_of(&self, surfaces: &[Surface], vertices: usize, triangles: usize) -> bool {
+        [self.first_vertex as usize, self.first_triangle as usize] == [vertices, triangles]
+            && self.cuts.iter().eq(surfaces.iter().map(|s| &s.cut))
+    }
 }
 
 /// A control vertex in its pose.
@@ -76,15 +105,11 @@ struct Control {
 }
 
 /// A mesh in its place, to be refined.
-struct Surface<'a> {
+pub(super) struct Surface<'a> {
     placed: Placed<'a>,
     tessellation: Tessellation,
-    welds: Vec<u32>,
     controls: Vec<Control>,
-    /// Corners in the mesh, counter-clockwise seen from the front; no two of them at one place.
-    patches: Vec<[u32; 3]>,
-    /// Of each patch, the edges from the first, second and third corner to the next.
-    factors: Vec<[u32; 3]>,
+    cut: Cut,
 }
 
 /// For each position the first index with the same one.
@@ -128,13 +153,13 @@ impl<'a> Surface<'a> {
             (EdgeFactor::Pixels(_), None) => 1,
         };
         let factors = patches.par_iter().map(|&[a, b, c]| [parts(a, b), parts(b, c), parts(c, a)]).collect();
-        Self { placed, tessellation, welds, controls, patches, factors }
+        Self { placed, tessellation, controls, cut: Cut { instance, welds, patches, factors } }
     }
 
     /// Triangles that there will be at most, where factors are shifted so far to the right.
     fn count(&self, shift: u32) -> u64 {
         let of = |f: &[u32; 3]| u64::from((f.iter().max().unwrap_or(&1) >> shift).max(1)).pow(2);
-        self.factors.par_iter().map(of).sum()
+        self.cut.factors.par_iter().map(of).sum()
     }
 }
 
@@ -177,14 +202,14 @@ impl Grid<'_> {
 
     fn corners(&mut self) {
         for v in 0..self.surface.controls.len() as u32 {
-            let place = self.surface.welds[v as usize];
+            let place = self.surface.cut.welds[v as usize];
             self.push([v; 3], [place; 3], [0.0; 2], self.first + place);
         }
     }
 
     /// The new vertices between two corners, in order: the first, and the step to the next.
     fn edge(&mut self, a: u32, b: u32, parts: u32) -> (u32, i32) {
-        let place = |v: u32| self.surface.welds[v as usize];
+        let place = |v: u32| self.surface.cut.welds[v as usize];
         let forward = place(a) < place(b);
         let ends = if forward { [a, b] } else { [b, a] };
         let first = match self.edges.get(&ends) {
@@ -259,13 +284,8 @@ fn add_triangle(triangles: &mut Vec<[u32; 3]>, first_vertex: u32, [a, b, c]: [u3
     }
 }
 
-/// Adds the finer surfaces of some of a scene's instances to its geometry; `normals` says whether displaced ones get their own.
-pub(super) fn add(geometry: &mut Geometry, scene: &Scene, instances: &[usize], normals: bool) -> Refined {
-    let mut refined = Refined {
-        first_vertex: geometry.vertices.len() as u32,
-        first_triangle: geometry.triangles.len() as u32,
-        ..Refined::default()
-    };
+/// Some of a scene's instances, and how they are cut.
+pub(super) fn surfaces<'a>(scene: &'a Scene, instances: &[usize]) -> Vec<Surface<'a>> {
     let scale = Scale::new(scene);
     let mut surfaces: Vec<_> = instances.iter().map(|&i| Surface::new(scene, i, scale)).collect();
     let count = |shift: u32| surfaces.iter().map(|s| s.count(shift)).sum::<u64>();
@@ -273,46 +293,62 @@ pub(super) fn add(geometry: &mut Geometry, scene: &Scene, instances: &[usize], n
     if shift > 0 {
         log::warn!("tessellation would make {} triangles: factors are divided by {}", count(0), 1 << shift);
         let halved = |factors: &mut [u32; 3]| *factors = factors.map(|f| (f >> shift).max(1));
-        surfaces.iter_mut().for_each(|s| s.factors.iter_mut().for_each(halved));
+        surfaces.iter_mut().for_each(|s| s.cut.factors.iter_mut().for_each(halved));
     }
-    for (surface, &instance) in surfaces.iter().zip(instances) {
-        let (first_control, first) = (refined.controls.len() as u32, refined.blends.len() as u32);
-        let first_triangle = geometry.triangles.len();
-        let origin = |(vertex, &place): (u32, &u32)| ControlOrigin { instance: instance as u32, vertex, place };
-        refined.controls.extend((0..).zip(&surface.welds).map(origin));
+    surfaces
+}
+
+/// Adds finer surfaces to a scene's geometry; `normals` says whether displaced ones get their own.
+pub(super) fn add(geometry: &mut Geometry, scene: &Scene, surfaces: Vec<Surface>, normals: bool) -> Refined {
+    let first_vertex = geometry.vertices.len() as u32;
+    let first_triangle = geometry.triangles.len() as u32;
+    let mut refined =
+        Refined { topology: Topology { first_vertex, first_triangle, cuts: Vec::new() }, ..Refined::default() };
+    for surface in &surfaces {
+        let (first_control, first) = (refined.controls.len(), refined.blends.len());
+        let (first_vertex, first_triangle) = (geometry.vertices.len(), geometry.triangles.len());
+        let instance = surface.cut.instance as u32;
+        let origin = |(vertex, &place): (u32, &u32)| ControlOrigin { instance, vertex, place };
+        refined.controls.extend((0..).zip(&surface.cut.welds).map(origin));
         let mut grid = Grid {
             surface,
-            first_control,
-            first,
-            first_vertex: refined.first_vertex,
+            first_control: first_control as u32,
+            first: first as u32,
+            first_vertex: refined.topology.first_vertex,
             refined: &mut refined,
             triangles: &mut geometry.triangles,
             edges: HashMap::new(),
             agreed: HashMap::new(),
         };
         grid.corners();
-        for (&corners, &factors) in surface.patches.iter().zip(&surface.factors) {
+        for (&corners, &factors) in surface.cut.patches.iter().zip(&surface.cut.factors) {
             grid.patch(corners, factors);
         }
         geometry.materials.resize(geometry.triangles.len(), surface.placed.mesh.material as u32);
-        let first_vertex = geometry.vertices.len();
-        place(geometry, &refined, surface, scene, [first_control as usize, first as usize]);
+        let mould = Mould::new(surface, scene, first_control);
+        geometry.vertices.par_extend(refined.blends[first..].par_iter().map(|blend| mould.vertex(blend)));
         if normals && surface.tessellation.displacement.is_some() {
-            turn(geometry, &refined.welds[first as usize..], first, first_vertex, first_triangle);
+            turn(geometry, &refined.welds[first..], first as u32, first_vertex, first_triangle);
         }
     }
+    refined.topology.cuts = surfaces.into_iter().map(|surface| surface.cut).collect();
     refined
 }
 
-/// Puts the new vertices of a surface where they belong. Its control vertices and blends begin at these indices.
-fn place(geometry: &mut Geometry, refined: &Refined, surface: &Surface, scene: &Scene, [control, first]: [usize; 2]) {
-    let shape = surface.tessellation.phong;
-    let displacement = surface.tessellation.displacement.as_ref().map(|d| d.at(scene.seconds));
-    let of = |b: &Blend| {
-        let controls = |corners: [u32; 3]| corners.map(|c| &surface.controls[c as usize - control]);
-        b.vertex(controls(b.corners), controls(b.heights), shape, displacement.as_ref(), &scene.height_maps)
-    };
-    geometry.vertices.par_extend(refined.blends[first..].par_iter().map(of));
+/// Puts new vertices that are there where surfaces of the same topology have them.
+pub(super) fn follow(geometry: &mut Geometry, refined: &Refined, scene: &Scene, surfaces: &[Surface]) {
+    let mut vertices = &mut geometry.vertices[refined.topology.first_vertex as usize..];
+    let mut blends = &refined.blends[..];
+    let mut first_control = 0;
+    for surface in surfaces {
+        let mould = Mould::new(surface, scene, first_control);
+        first_control += surface.controls.len();
+        let own = blends.partition_point(|blend| (blend.corners[0] as usize) < first_control);
+        let (placed, others) = std::mem::take(&mut vertices).split_at_mut(own);
+        let placing = placed.par_iter_mut().zip(&blends[..own]);
+        placing.for_each(|(vertex, blend)| vertex.position = mould.position(blend));
+        (vertices, blends) = (others, &blends[own..]);
+    }
 }
 
 /// Gives the vertices of a displaced surface the normals of the triangles around their place, by area. Its places count from `first`.
@@ -346,40 +382,70 @@ impl Displacement {
     }
 }
 
-impl Blend {
-    /// Where and what it is, but for the normal of a displaced surface, which only its triangles say.
-    fn vertex(
-        &self,
-        corners: [&Control; 3],
-        heights: [&Control; 3],
-        shape: f32,
-        displacement: Option<&Displacement>,
-        maps: &[HeightMap],
-    ) -> Vertex {
-        let [a, b, c] = corners;
-        let w = [1.0 - self.y - self.z, self.y, self.z];
+/// What new vertices of a surface are made of.
+struct Mould<'a> {
+    controls: &'a [Control],
+    /// Index of the surface's first control vertex.
+    first: usize,
+    shape: f32,
+    /// At the scene's time.
+    displacement: Option<Displacement>,
+    maps: &'a [HeightMap],
+}
+
+impl<'a> Mould<'a> {
+    fn new(surface: &'a Surface, scene: &'a Scene, first: usize) -> Self {
+        Self {
+            controls: &surface.controls,
+            first,
+            shape: surface.tessellation.phong,
+            displacement: surface.tessellation.displacement.as_ref().map(|d| d.at(scene.seconds)),
+            maps: &scene.height_maps,
+        }
+    }
+
+    fn controls(&self, of: [u32; 3]) -> [&'a Control; 3] {
+        of.map(|control| &self.controls[control as usize - self.first])
+    }
+
+    /// Where a new vertex is.
+    fn position(&self, new: &Blend) -> Vec3 {
+        let [a, b, c] = self.controls(new.corners);
+        let w = new.weights();
         // The flat point, and its projections onto the planes through the corners, (2) and (3) of the paper.
         let flat = blend(w, a.place, b.place, c.place);
         let projected = |onto: &Control| flat - (flat - onto.place).dot(onto.direction) * onto.direction;
         let round = blend(w, projected(a), projected(b), projected(c));
-        let mut position = flat + shape * (round - flat);
-        if let Some(Displacement { height, scale, bias }) = displacement {
+        let mut position = flat + self.shape * (round - flat);
+        if let Some(Displacement { height, scale, bias }) = &self.displacement {
             let direction = blend(w, a.direction, b.direction, c.direction).normalize_or_zero();
-            let [d, e, f] = heights.map(|control| control.vertex.uvs);
+            let [d, e, f] = self.controls(new.heights).map(|control| control.vertex.uvs);
             let uvs = [blend(w, d[0], e[0], f[0]), blend(w, d[1], e[1], f[1])];
-            let height = height.height(maps, blend(w, a.rest, b.rest, c.rest), uvs);
+            let height = height.height(self.maps, blend(w, a.rest, b.rest, c.rest), uvs);
             position += (scale * height + bias) * direction;
         }
-        let [a, b, c] = [a.vertex, b.vertex, c.vertex];
+        position
+    }
+
+    /// Where and what it is, but for the normal of a displaced surface, which only its triangles say.
+    fn vertex(&self, new: &Blend) -> Vertex {
+        let w = new.weights();
+        let [a, b, c] = self.controls(new.corners).map(|control| control.vertex);
         let normal = blend(w, a.normal, b.normal, c.normal).normalize_or_zero();
         let tangent = blend(w, a.tangent.truncate(), b.tangent.truncate(), c.tangent.truncate());
         Vertex {
-            position,
+            position: self.position(new),
             normal,
             tangent: across(tangent.extend(a.tangent.w), normal),
             uvs: [blend(w, a.uvs[0], b.uvs[0], c.uvs[0]), blend(w, a.uvs[1], b.uvs[1], c.uvs[1])],
             color: blend(w, a.color, b.color, c.color),
         }
+    }
+}
+
+impl Blend {
+    fn weights(&self) -> [f32; 3] {
+        [1.0 - self.y - self.z, self.y, self.z]
     }
 }
 

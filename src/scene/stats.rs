@@ -53,9 +53,10 @@ impl SceneStats {
     /// Looks at everything once.
     #[must_use]
     pub fn new(scene: &Scene, geometry: &Geometry) -> Self {
-        let count = |test: &dyn Fn(&super::Material) -> bool| {
-            let of: Vec<bool> = scene.materials.iter().map(test).collect();
-            geometry.materials.iter().filter(|&&m| of[m as usize]).count()
+        let mut of_material = vec![0; scene.materials.len()];
+        geometry.materials.iter().for_each(|&m| of_material[m as usize] += 1);
+        let count = |test: &dyn Fn(&super::Material) -> bool| -> usize {
+            scene.materials.iter().zip(&of_material).filter(|(m, _)| test(m)).map(|(_, count)| count).sum()
         };
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let size = |i: usize| {
@@ -67,7 +68,9 @@ impl SceneStats {
         let part = |&first: &usize| (first..geometry.triangles.len().min(first + (1 << 14))).map(size).sum::<f64>();
         let sizes: f64 = parts.par_iter().map(part).collect::<Vec<_>>().iter().sum();
         let shines: Vec<bool> = scene.materials.iter().map(shining).collect();
-        let shining_triangles = (0..geometry.triangles.len()).filter(|&i| shines[geometry.materials[i] as usize]);
+        let emissive_triangles = count(&shining);
+        let among = if emissive_triangles > 0 { geometry.triangles.len() } else { 0 };
+        let shining_triangles = (0..among).filter(|&i| shines[geometry.materials[i] as usize]);
         let middles = shining_triangles.map(|i| geometry.positions(i).iter().sum::<Vec3>() / 3.0);
         let [low, high] = geometry.bounds;
         let cell = |p: Vec3| {
@@ -88,7 +91,7 @@ impl SceneStats {
                 && !scene.materials.iter().any(shining),
             patterns: !scene.patterns.is_empty(),
             light_places: cells.len() + far + usize::from(scene.environment.is_some()),
-            emissive_triangles: count(&shining),
+            emissive_triangles,
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),

@@ -11,7 +11,7 @@ use crate::film::Film;
 use crate::metrics::Comparison;
 use crate::renderer::RenderStats;
 use crate::scene::{Camera, EnvironmentChange, Light, Scene};
-use crate::settings::{OnlyStrategy, Settings};
+use crate::settings::{Method, OnlyStrategy, Settings};
 
 /// Which scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,6 +38,8 @@ pub enum Layer {
     Normal,
     /// What surfaces give back of light.
     Albedo,
+    /// How many entries of its list the look-up of each pixel along the first bundle walks; of `raster` alone.
+    Lists,
 }
 
 impl Layer {
@@ -45,6 +47,16 @@ impl Layer {
     #[must_use]
     pub fn is_feature(self) -> bool {
         matches!(self, Self::Distance | Self::Normal | Self::Albedo)
+    }
+
+    /// Whether a method has it.
+    #[must_use]
+    pub fn is_of(self, method: Method) -> bool {
+        match self {
+            Self::Strategy(only) => method.has_strategy(only.s, only.t),
+            Self::Lists => method == Method::Raster,
+            _ => true,
+        }
     }
 
     /// Whether exposure and curve apply to it.

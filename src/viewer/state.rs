@@ -84,9 +84,7 @@ impl Side {
             }
             Err(cause) => self.wrong = Some(cause),
         }
-        if let Layer::Strategy(only) = self.layer
-            && !self.settings.method.has_strategy(only.s, only.t)
-        {
+        if !self.layer.is_of(self.settings.method) {
             self.layer = Layer::Light;
         }
     }

@@ -2,6 +2,9 @@
 //!
 //! The window never waits for it: orders go in through a channel, of which only the last counts, and what is finished lies on a
 //! [`Desk`], of which only the newest counts. Whatever changed begins anew; a lost device is opened again.
+//!
+//! Meshes that are refined by pixels are refined for the camera that the picture is taken with, once it rests: while it moves, surfaces stay
+//! what they are, so that nothing pops and no frame waits for it.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
@@ -20,7 +23,8 @@ use crate::gpu::{Gpu, GpuError};
 use crate::metrics;
 use crate::reference::{Features, Reference, ReferenceSettings, Rounds};
 use crate::renderer::RenderError;
-use crate::scene::{self, Camera, Geometry, Scene};
+use crate::scene::stats::triangles_vary;
+use crate::scene::{self, Camera, Geometry, Scene, Viewpoint};
 use crate::settings::{Method, Settings};
 
 /// Samples after which a picture is left as it is.
@@ -168,6 +172,8 @@ struct Stage {
     number: u64,
     pose: Option<(usize, f32)>,
     edits: super::order::Edits,
+    /// What surfaces are refined for, where that matters.
+    refined_for: Option<Eye>,
     scene: Scene,
     /// For methods that cannot follow light through surfaces, where there are such surfaces.
     opaque: Option<Scene>,
@@ -176,6 +182,29 @@ struct Stage {
 impl Stage {
     fn scene(&self, method: Method) -> &Scene {
         if method.shares_subpaths() { self.opaque.as_ref().unwrap_or(&self.scene) } else { &self.scene }
+    }
+}
+
+/// Whose pixels count: the settings' camera, or the one in its place, and the size of the whole picture.
+#[derive(Clone, Debug, PartialEq)]
+struct Eye {
+    instead: Option<Camera>,
+    camera: usize,
+    size: [u32; 2],
+}
+
+impl Eye {
+    fn of(order: &Order) -> Option<Self> {
+        let Settings { width, height, camera, .. } = order.panes.first()?.settings;
+        Some(Self { instead: order.camera.clone(), camera, size: [width, height] })
+    }
+
+    /// Has a scene refined for it.
+    fn open(&self, scene: &mut Scene) {
+        // Behind those that settings name.
+        let camera = if self.instead.is_some() { scene.cameras.len() } else { self.camera };
+        scene.cameras.extend(self.instead.clone());
+        scene.viewpoint = Some(Viewpoint { camera, size: self.size });
     }
 }
 
@@ -356,10 +385,14 @@ impl Worker {
             None => loaded.clone(),
         };
         order.edits.apply(&mut scene);
+        let refined_for = Eye::of(order).filter(|_| triangles_vary(&scene));
+        if let Some(eye) = &refined_for {
+            eye.open(&mut scene);
+        }
         self.stages += 1;
         let clear = scene.materials.iter().any(|m| m.bsdf.transmits());
         let opaque = clear.then(|| scene.clone().without_glass());
-        Ok(Stage { number: self.stages, pose: order.pose, edits: order.edits.clone(), scene, opaque })
+        Ok(Stage { number: self.stages, pose: order.pose, edits: order.edits.clone(), refined_for, scene, opaque })
     }
 
     /// Works on orders as long as they want the scene like this.
@@ -398,7 +431,8 @@ impl Worker {
             let Some(now) = self.order.as_ref().filter(|now| now.number != order.number) else { continue };
             (order, unfinished) = (now.clone(), [true; PANES]);
             let same = self.loaded.as_ref().is_some_and(|(source, _)| *source == order.source);
-            if !same || (order.pose, &order.edits) != (stage.pose, &stage.edits) {
+            let refined = order.moving || stage.refined_for.is_none() || stage.refined_for == Eye::of(&order);
+            if !same || !refined || (order.pose, &order.edits) != (stage.pose, &stage.edits) {
                 return Ok(End::Restage);
             }
         }
@@ -420,7 +454,8 @@ impl Worker {
         let coarseness = if layer.is_feature() { 1 } else { bench.pace.coarseness(order.moving) };
         let [width, height] = Pace::size([wanted.settings.width, wanted.settings.height], coarseness);
         let only = if let Layer::Strategy(only) = layer { Some(only) } else { None };
-        let settings = Settings { width, height, only, ..wanted.settings.clone() };
+        let list_lengths = layer == Layer::Lists;
+        let settings = Settings { width, height, only, list_lengths, ..wanted.settings.clone() };
         let settings = if order.moving { in_motion(settings) } else { settings };
         let scene = stage.scene(settings.method);
         let camera = camera_of(order, scene, &settings)?;
@@ -516,6 +551,9 @@ impl Worker {
                 if layer != Layer::Error {
                     picture.layer = layer;
                 }
+                if layer == Layer::Lists {
+                    picture.film = Arc::new(show_lengths(&picture.film));
+                }
                 if let Some(truth) = truth {
                     let reference = truth.film();
                     let compared = metrics::compare(&picture.film, &reference);
@@ -545,7 +583,8 @@ impl Worker {
 /// What makes a good picture of a sample: light subpaths of several kinds, filtered, and what was seen before. Settings that say something
 /// of this themselves stay as they are.
 fn in_motion(settings: Settings) -> Settings {
-    let plain = settings.method.shares_subpaths() && settings.only.is_none() && !settings.is_live();
+    let whole = settings.only.is_none() && !settings.list_lengths;
+    let plain = settings.method.shares_subpaths() && whole && !settings.is_live();
     if plain { Settings { interleave: SQUARE, history: FRAMES, ..settings } } else { settings }
 }
 
@@ -570,6 +609,17 @@ fn show_feature(features: Features, layer: Layer) -> Film {
         Layer::Normal => each(features.normal, &|p| if p == [0.0; 3] { p } else { p.map(|x| 0.5 * x + 0.5) }),
         _ => features.albedo,
     }
+}
+
+/// Lengths of lists as colours: none black, 1 blue, 8 green, 64 and more red, and in between by their logarithm.
+#[must_use]
+pub fn show_lengths(film: &Film) -> Film {
+    let color = |length: f32| {
+        let place = length.max(1.0).log2() / 3.0;
+        let green = (1.0 - (place - 1.0).abs()).max(0.0);
+        if length > 0.0 { [(place - 1.0).clamp(0.0, 1.0), green, (1.0 - place).max(0.0)] } else { [0.0; 3] }
+    };
+    Film { pixels: film.pixels.iter().map(|p| color(p[0])).collect(), ..*film }
 }
 
 /// What the window needs to know; with the warnings of methods that cannot follow light through surfaces, where one `shares` subpaths.

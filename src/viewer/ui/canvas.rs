@@ -133,6 +133,7 @@ fn caption(state: &State, pane: usize) -> Option<String> {
     let picture = side.picture.as_ref()?;
     let layer = match picture.layer {
         Layer::Error => "error: red is too bright, blue too dark".to_owned(),
+        Layer::Lists => "list entries that a look-up walks: blue 1, green 8, red 64 or more".to_owned(),
         layer => layer_name(layer),
     };
     let compared = picture.error.as_ref().map(|(error, samples)| {
@@ -163,6 +164,7 @@ pub fn layer_name(layer: Layer) -> String {
         Layer::Distance => "distance".to_owned(),
         Layer::Normal => "normals".to_owned(),
         Layer::Albedo => "albedo".to_owned(),
+        Layer::Lists => "list lengths".to_owned(),
     }
 }
 

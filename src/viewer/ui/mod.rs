@@ -111,9 +111,11 @@ impl Interface {
             (Key::N, Layer::Normal),
             (Key::B, Layer::Albedo),
             (Key::V, Layer::Error),
+            (Key::T, Layer::Lists),
         ] {
-            if pressed(key) {
-                state.sides[state.active].layer = layer;
+            let side = &mut state.sides[state.active];
+            if pressed(key) && layer.is_of(side.settings.method) {
+                side.layer = layer;
             }
         }
         if pressed(Key::H) {
@@ -305,7 +307,7 @@ mod tests {
         let mut desktop = Desktop::new();
         for size in [[320.0, 200.0], [640.0, 360.0], [1280.0, 720.0], [1.0, 1.0], [4000.0, 100.0]] {
             desktop.size = size.into();
-            for layer in [Layer::Light, Layer::Error, Layer::Albedo] {
+            for layer in [Layer::Light, Layer::Error, Layer::Albedo, Layer::Lists] {
                 desktop.state.sides[0].layer = layer;
                 desktop.state.compares = layer == Layer::Error;
                 desktop.state.marks_vpls = true;

@@ -106,7 +106,8 @@ impl Interface {
         ui.horizontal(|ui| {
             ui.label("shows");
             ComboBox::from_id_salt("layer").width(150.0).selected_text(layer_name(side.layer)).show_ui(ui, |ui| {
-                for layer in [Layer::Light, Layer::Error, Layer::Distance, Layer::Normal, Layer::Albedo] {
+                let all = [Layer::Light, Layer::Error, Layer::Distance, Layer::Normal, Layer::Albedo, Layer::Lists];
+                for layer in all.into_iter().filter(|layer| layer.is_of(method)) {
                     ui.selectable_value(&mut side.layer, layer, layer_name(layer));
                 }
                 let deepest = if bounces == UNLIMITED { LISTED } else { bounces.min(LISTED) };
