@@ -61,6 +61,18 @@ fn what_is_no_twin_is_noticed() {
     }
 }
 
+/// Triangles a sixth of a pixel wide: neighbours far away must neither hide a point on the border between them nor leave a gap.
+#[test]
+fn small_triangles_far_away_hide_nothing() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = builtin::load("integrating_sphere").unwrap();
+    let base = Settings { width: 16, height: 16, bounces: 0, ..settings(Method::Raster, 64) };
+    let [ours, twin] = both(gpu, &scene, &base);
+    let apart = compare(&ours, &twin).unwrap();
+    println!("rel_mse {:.2e}, mean_bias {:+.2e}", apart.rel_mse, apart.mean_bias);
+    assert!(apart.mean_bias.abs() <= 1e-5, "{apart:?}");
+}
+
 /// A sun through a roof, and a spot: views of other kinds than those of points.
 #[test]
 fn parallel_and_conical_light_have_twins() {
