@@ -244,14 +244,14 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("lightsheaf-truth-{}", std::process::id()));
         let scene = builtin::load("cornell_area").unwrap();
         let settings = Settings { method: Method::Reference, width: 32, height: 32, ..Settings::default() };
-        let truth = Truth::cached(None, &scene, &settings, 2.0, &folder, &|_| ()).unwrap();
-        let again = Truth::cached(None, &scene, &settings, 2.0, &folder, &|_| panic!("rendered twice")).unwrap();
+        let truth = Truth::cached(None, &scene, &settings, 0.5, &folder, &|_| ()).unwrap();
+        let again = Truth::cached(None, &scene, &settings, 0.5, &folder, &|_| panic!("rendered twice")).unwrap();
         assert!(truth.film == again.film, "the same bytes");
         let [own, kept] = [&truth, &again].map(|t| t.origin.own_rel_mse.unwrap());
         assert!((own / kept - 1.0).abs() < 1e-12, "{own} {kept}");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
         // Against a much better picture the error is what the halves said, within their noise.
-        let better = Settings { samples: 2048, ..settings };
+        let better = Settings { samples: 8 * truth.origin.samples as u32, ..settings };
         let better = Reference::new(&scene).render(&reference_settings(&better), &|_, _| ()).film;
         let real = metrics::compare(&truth.film, &better).unwrap().rel_mse;
         assert!((0.5..2.0).contains(&(own / real)), "{own} {real}, {} samples", truth.origin.samples);
