@@ -65,7 +65,7 @@ pub enum Answers {
 pub struct DepthMap {
     /// Triangle; all ones bits where there is none.
     pub triangles: wgpu::TextureView,
-    /// Depth, as `stored_depth` has it.
+    /// Depth, as `stored_depth` has it; only the pass that fills the map reads it.
     pub depths: wgpu::TextureView,
 }
 
@@ -79,7 +79,7 @@ impl DepthMap {
         let read = wgpu::TextureUsages::TEXTURE_BINDING;
         Self {
             triangles: gpu.target("depth map triangles", size, Self::TRIANGLES, read),
-            depths: gpu.target("depth map depths", size, Self::DEPTHS, read),
+            depths: gpu.target("depth map depths", size, Self::DEPTHS, wgpu::TextureUsages::empty()),
         }
     }
 }

@@ -795,7 +795,7 @@ fn exact_answers_do_not_depend_on_the_resolution() {
     let from = points.draw(&mut random);
     let mut answers = Vec::new();
     let mut nodes = Vec::new();
-    for (resolution, slabs) in [(64, 1), (64, 4), (128, 1), (256, 3), (512, 16)] {
+    for (resolution, slabs) in [(64, 4), (128, 1), (256, 3), (512, 16)] {
         let texels = Texels { resolution, faces: 1, slabs };
         let (bundle, along_bundle) =
             world.fill_texels(&parallel(forward, world.scene.bounds, 0.4, None, resolution), texels);
@@ -808,7 +808,7 @@ fn exact_answers_do_not_depend_on_the_resolution() {
         answers.push([world.ask(&bundle, &along), world.ask(&around, &edges), world.ask(&around, &nearest)]);
         nodes.push([along_bundle, around_point]);
     }
-    assert!(nodes.windows(2).all(|w| w[0][0] < w[1][0] && w[0][1] <= w[1][1]), "the grids are the same: {nodes:?}");
+    assert!(nodes.windows(2).all(|w| w[0][0] < w[1][0] && w[0][1] < w[1][1]), "the grids are the same: {nodes:?}");
     for (kind, what) in ["nearest along a bundle", "edges", "nearest from a point"].iter().enumerate() {
         let mut kinds: Vec<u32> = answers[0][kind].iter().map(|a| a[0]).collect();
         kinds.sort_unstable();
