@@ -261,14 +261,10 @@ layouts! {
         only_t: u32,
         unweighted: u32,
         splat_scale: f32,
-        even_choice: u32,
         tree_lights: u32,
         tree_share: f32,
         biased_reuse: u32,
         memory: f32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
     }
 
     /// What shines, as a whole.

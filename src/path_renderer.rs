@@ -65,6 +65,9 @@ impl Prepared {
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let mut table = LightTable::new(scene, &geometry, if both_sides { Met::All } else { Met::ButConstantSky });
         let mut light_nodes = None;
+        if plan.light_sampling == LightSampling::Uniform {
+            table = table.even();
+        }
         if plan.light_sampling.has_tree() {
             let tree = LightTree::new(&table, scene, &geometry);
             table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
@@ -80,7 +83,6 @@ impl Prepared {
             only_s: ANY,
             only_t: ANY,
             splat_scale: splat_scale(table.power, geometry.sphere().1),
-            even_choice: u32::from(plan.light_sampling == LightSampling::Uniform),
             tree_lights: table.finite as u32,
             tree_share: table.finite_share(),
             biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),

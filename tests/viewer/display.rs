@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 use image::{Rgb, RgbImage};
 
+use super::xdnd::drop_file;
+
 /// Longest that anything may take to happen.
 const PATIENCE: Duration = Duration::from_secs(90);
 
@@ -125,6 +127,11 @@ impl Viewer<'_> {
         self.xdotool(&["mouseup", button]);
     }
 
+    /// Drops a file on the window.
+    pub fn drop_file(&self, path: &Path) {
+        drop_file(&self.display.name, self.window.parse().unwrap(), path);
+    }
+
     /// Gives the window another size.
     pub fn resize(&self, width: u32, height: u32) {
         self.xdotool(&["windowsize", &self.window, &width.to_string(), &height.to_string()]);
@@ -169,6 +176,11 @@ impl Viewer<'_> {
     /// Lines of the log so far that have a part.
     pub fn heard<'a>(&'a self, part: &'a str) -> impl Iterator<Item = &'a String> {
         self.heard.iter().filter(move |line| line.contains(part))
+    }
+
+    /// The window's title.
+    pub fn title(&self) -> String {
+        self.xdotool(&["getwindowname", &self.window])
     }
 
     /// What the window shows.

@@ -6,6 +6,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod display;
+mod xdnd;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -151,6 +152,37 @@ fn lights_settings_and_windows_change() {
     check(&mut viewer, "large");
     viewer.resize(340, 220);
     check(&mut viewer, "small");
+    viewer.is_well();
+}
+
+/// A file that is dropped takes the place of the scene, and one that is none leaves it there, with the reason.
+#[test]
+fn files_are_dropped_on_the_window() {
+    let Some(display) = display() else { return };
+    let folder = Folder::new("drop");
+    let scene = folder.0.join("a white ball.xml");
+    let ball = r#"<scene version="3.0.0">
+        <sensor type="perspective"><transform name="to_world">
+            <lookat origin="0, 0, 5" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
+        <shape type="sphere"/>
+        <emitter type="point"><point name="position" x="2" y="2" z="4"/><rgb name="intensity" value="40"/></emitter>
+    </scene>"#;
+    std::fs::write(&scene, ball).unwrap();
+    let mut viewer = display.view(&folder.0, &["builtin:cornell_point", "--size", "640x360"]);
+    let start = seen(&viewer);
+    viewer.drop_file(&scene);
+    viewer.wait_for("samples by");
+    assert!(viewer.title().contains("a white ball.xml"), "{}", viewer.title());
+    let dropped = seen(&viewer);
+    assert!(difference(&start, &dropped) > TOLERANCE);
+
+    let text = folder.0.join("notes.xml");
+    std::fs::write(&text, "no scene").unwrap();
+    viewer.drop_file(&text);
+    viewer.listen(Duration::from_secs(2));
+    assert!(viewer.title().contains("a white ball.xml"), "{}", viewer.title());
+    let told = seen(&viewer);
+    assert!(difference(&dropped, &told) > 0.0, "nobody was told");
     viewer.is_well();
 }
 
