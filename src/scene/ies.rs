@@ -224,7 +224,7 @@ mod tests {
             (a - slope * t0) * (t0.cos() - t1.cos()) + slope * moment
         };
         let expected = 2.0 * PI * (linear(1.0, 2.0, 0.0, PI / 6.0) + linear(2.0, 3.0, PI / 6.0, PI / 2.0));
-        let flux = pattern.flux(|_| 1.0).x * candelas;
+        let flux = pattern.flux(|_, _| 1.0).x * candelas;
         // And the half degree over which the table falls to 0.
         assert!((flux - expected).abs() < 0.005 * 3.0 * 2.0 * PI, "{flux} is not {expected}");
     }
@@ -281,6 +281,6 @@ mod tests {
             assert!(error.contains(says) && error.starts_with("lamp.ies"), "{error}, not {says}");
         }
         let dark = read(&good.replace("\n1\n 2\n", "\n0\n 0\n")).unwrap();
-        assert_eq!((dark.1, dark.0.flux(|_| 1.0).x), (0.0, 0.0));
+        assert_eq!((dark.1, dark.0.flux(|_, _| 1.0).x), (0.0, 0.0));
     }
 }
