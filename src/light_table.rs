@@ -9,7 +9,9 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::layouts::{LightRecord, Lighting};
 use crate::scene::emitter::{Emitter, Part, emitters, part};
-use crate::scene::{EnvironmentMap, Geometry, LUMINANCE, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff};
+use crate::scene::{
+    EnvironmentMap, Geometry, LUMINANCE, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff, versine,
+};
 
 // LightRecord.kind of lib/light.wesl.
 const POINT: u32 = 0;
@@ -291,7 +293,7 @@ impl LightRecord {
 fn power(light: &Light, patterns: &[Pattern], disc: f32) -> Vec3 {
     match *light {
         Light::Point { intensity, .. } => 4.0 * PI * intensity,
-        Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * (1.0 - outer_angle.cos()) * intensity,
+        Light::Spot { intensity, outer_angle, .. } => 2.0 * PI * versine(outer_angle) * intensity,
         Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => disc * irradiance,
         Light::Lamp(lamp) => lamp.power(patterns),
     }
@@ -308,8 +310,8 @@ fn record(light: &Light, patterns: &[Pattern], first_entries: &[u32]) -> LightRe
             position: position.to_array(),
             direction: direction.to_array(),
             intensity: intensity.to_array(),
-            cos_inner: inner_angle.min(outer_angle).cos(),
-            cos_outer: outer_angle.cos(),
+            inner_versine: versine(inner_angle.min(outer_angle)),
+            outer_versine: versine(outer_angle),
             falloff: u32::from(falloff == SpotFalloff::AngleLinear),
             ..record
         },
@@ -323,8 +325,7 @@ fn record(light: &Light, patterns: &[Pattern], first_entries: &[u32]) -> LightRe
             kind: DIRECTIONAL,
             direction: direction.to_array(),
             intensity: (irradiance * (2.0 / (1.0 + angle.cos()))).to_array(),
-            // 1 - cos, without cancellation.
-            radius: 2.0 * (0.5 * angle).sin().powi(2),
+            radius: versine(angle),
             ..record
         },
         Light::Lamp(lamp) => {
@@ -339,8 +340,8 @@ fn record(light: &Light, patterns: &[Pattern], first_entries: &[u32]) -> LightRe
                 direction: lamp.direction().to_array(),
                 intensity: intensity.to_array(),
                 triangle: pattern.map_or(u32::MAX, |p| first_entries[p]),
-                cos_inner: inner.cos(),
-                cos_outer: outer.cos(),
+                inner_versine: versine(inner),
+                outer_versine: versine(outer),
                 falloff: u32::from(linear),
                 right: world_from_lamp.x_axis.to_array(),
                 radius,

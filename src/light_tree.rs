@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use crate::layouts::{LightNode, LightRecord};
 use crate::light_table::{AREA, LightTable, SPOT};
-use crate::scene::{Geometry, Scene};
+use crate::scene::{Geometry, Scene, angle_of_versine};
 
 // Bits of `LightNode.child`, as in the shader.
 const LEAF: u32 = 1 << 31;
@@ -134,9 +134,9 @@ fn bounds(record: &LightRecord, power: f32, scene: &Scene, geometry: &Geometry) 
             }
         }
         SPOT => Bounds {
-            strength: power / (2.0 * PI * (1.0 - record.cos_outer).max(1e-6)),
+            strength: power / (2.0 * PI * record.outer_versine.max(f32::MIN_POSITIVE)),
             axis: Vec3::from(record.direction),
-            normals: record.cos_outer.clamp(-1.0, 1.0).acos(),
+            normals: angle_of_versine(record.outer_versine),
             falloff: 0.0,
             ..all_around
         },

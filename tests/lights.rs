@@ -165,7 +165,7 @@ fn profiles() {
     let flux = TAU * (1.0 - 1.5 / PI * (TAU / 3.0).sin());
     let flux = Vec3::new(flux, 0.6 * flux, 0.6 * flux);
     let intensity = Vec3::new(2.0, 3.0, 4.0);
-    assert!((profile().flux(|_| 1.0) - flux).abs().max_element() < 1e-3 * flux.x, "{}", profile().flux(|_| 1.0));
+    assert!((profile().flux(|_, _| 1.0) - flux).abs().max_element() < 1e-3 * flux.x, "{}", profile().flux(|_, _| 1.0));
     assert!((profile().outer_angle().to_degrees() - 122.0).abs() < 2.1);
 
     let mut scene = Scene { cameras: vec![pinhole(Vec3::ZERO, turn * local, 0.02)], ..Scene::default() };
@@ -187,6 +187,62 @@ fn profiles() {
     steady("profile outside its cone", &scene, 0, Vec3::ZERO);
 }
 
+/// The axis of a spot gets I / d^2 however narrow its cone; a point at 3/4 of the angle half of that, where it fades from 1/2 on
+/// linearly; nothing outside. In a sphere of radius 1 all of its flux, I 2 pi (1 - cos), comes back: each point of the wall
+/// receives albedo flux / (4 pi) from the first bounce, and albedo times as much from each one after it, which paths from the camera
+/// alone would not find.
+#[test]
+fn narrow_spots() {
+    let color = Vec3::new(3.0, 2.0, 1.0);
+    for angle in [1e-4_f32, 1e-5] {
+        let name = |what: &str| format!("{what} of {angle}");
+        let spot = |position, direction, intensity, inner_angle, falloff| {
+            vec![Light::Spot { position, direction, intensity, inner_angle, outer_angle: angle, falloff }]
+        };
+        // A small floor, whose points are known to a fraction of the beam's width.
+        let mut scene = Scene::default();
+        add(&mut scene, floor(0.01, 0.0), Material::diffuse("floor", Vec3::ONE));
+        let position = Vec3::new(0.75, 1.25, -0.75);
+        scene.cameras = vec![parallel(Vec3::Y * 0.1, Vec3::NEG_Y, 0.02 * angle)];
+        for falloff in [SpotFalloff::AngleLinear, SpotFalloff::CosineSquared] {
+            scene.lights = spot(position, -position.normalize(), color, 0.5 * angle, falloff);
+            steady(&name("axis"), &scene, 0, color * (position.y / position.length().powi(3) / PI));
+        }
+        // Straight down: elsewhere the rounding of 32 bits moves so narrow a beam by a part of its width.
+        scene.lights = spot(Vec3::Y * 2.0, Vec3::NEG_Y, color, 0.5 * angle, SpotFalloff::AngleLinear);
+        for (at, share) in [(0.75, 0.5), (1.25, 0.0)] {
+            let from = Vec3::new(2.0 * angle * at, 0.1, 0.0);
+            scene.cameras = vec![parallel(from, Vec3::NEG_Y, 0.002 * angle)];
+            steady(&name("slope"), &scene, 0, color * (share / (4.0 * PI)));
+        }
+
+        let mut scene = Scene { cameras: vec![pinhole(Vec3::ZERO, Vec3::Z, 0.02)], ..Scene::default() };
+        add(&mut scene, inverted(sphere(4)), Material::diffuse("wall", Vec3::splat(0.5)));
+        let intensity = color / (TAU * 2.0 * (0.5 * angle).sin().powi(2));
+        scene.lights = spot(Vec3::ZERO, Vec3::new(0.6, 0.48, -0.64), intensity, angle, SpotFalloff::AngleLinear);
+        for (method, samples) in [(Method::RayQuery, 512), (Method::Raster, 64), (Method::Twin, 64)] {
+            answer(&name("flux"), &scene, method, samples, 2, color * (1.5 * 0.5 * 0.5 / (4.0 * PI * PI)));
+        }
+    }
+}
+
+/// A lamp's power is I 2 pi (1 - cos) where its pattern is 1, also where the cone is narrower than the pattern's rows; of an image only
+/// about that, but not nothing.
+#[test]
+fn power_of_patterns_in_narrow_cones() {
+    let half_extent = Vec2::ONE;
+    for angle in [1.0_f32, 1e-2, 1e-4, 1e-5] {
+        let cone = Some(Cone { inner_angle: angle, outer_angle: angle, falloff: SpotFalloff::AngleLinear });
+        let expected = TAU * 2.0 * (0.5 * angle).sin().powi(2);
+        for (mapping, within) in [(Mapping::Sphere, 1e-3), (Mapping::Image { half_extent }, 0.5)] {
+            let (name, texels) = (String::new(), vec![[1.0; 3]; 64 * 64]);
+            let patterns = [Pattern { name, mapping, width: 64, height: 64, texels }];
+            let power = Lamp { cone, pattern: Some(0), ..lamp(Vec3::ZERO, 0.0, Vec3::ONE) }.power(&patterns).x;
+            assert!((power / expected - 1.0).abs() < within, "{mapping:?} in {angle}: {power} is not {expected}");
+        }
+    }
+}
+
 /// A projected image is irradiance: at distance 2 a quarter of what it is at distance 1, wherever on the plane.
 #[test]
 fn projectors() {
@@ -200,7 +256,7 @@ fn projectors() {
         height: 2,
         texels: vec![[1.0, 0.5, 0.25]; 6],
     }];
-    assert!((scene.patterns[0].flux(|_| 1.0).x - 4.0 * 0.6 * 0.4).abs() < 1e-5);
+    assert!((scene.patterns[0].flux(|_, _| 1.0).x - 4.0 * 0.6 * 0.4).abs() < 1e-5);
     let down = Mat3::from_rotation_x(-FRAC_PI_2);
     let lamp = Lamp { world_from_lamp: down, pattern: Some(0), ..lamp(Vec3::Y * 2.0, 0.0, Vec3::splat(2.0 * PI)) };
     scene.lights = vec![Light::Lamp(lamp)];

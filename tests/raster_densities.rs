@@ -12,7 +12,7 @@ use lightsheaf::gpu::{Compute, Gpu, read_back};
 use lightsheaf::layouts::{LightDraw, LightPoint, LightRecord, Lighting, PathWeights};
 use lightsheaf::passes::rsm::Rsm;
 use lightsheaf::sampler::{Decision, Sampler, uniform_sphere};
-use lightsheaf::scene::{Environment, EnvironmentMap, Rows};
+use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
 
 /// Draws, and paths.
 const MANY: u32 = 1 << 20;
@@ -116,9 +116,11 @@ fn light_subpaths_start_as_their_density_says() {
     let Some(gpu) = gpu() else { return };
     let down = Vec3::NEG_Y;
     let light = |name, kind, direction: Vec3| {
-        let cosines = [0.2_f32.cos(), 0.9_f32.cos()];
-        let [cos_inner, cos_outer] = cosines;
-        (name, LightRecord { kind, direction: direction.to_array(), cos_inner, cos_outer, ..Default::default() })
+        let [inner_versine, outer_versine] = [0.2, 0.9].map(versine);
+        (
+            name,
+            LightRecord { kind, direction: direction.to_array(), inner_versine, outer_versine, ..Default::default() },
+        )
     };
     let tilted = Vec3::new(0.6, 0.0, 0.8);
     let mut two_sided = light("triangle, two sides", AREA, tilted);

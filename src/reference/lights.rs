@@ -15,7 +15,7 @@ use super::distribution::Table;
 use super::environment::{LUMINANCE, Sky};
 use super::surface::Frame;
 use crate::scene::emitter::{self, Part};
-use crate::scene::{Cone, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff};
+use crate::scene::{Cone, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff, angle_of_versine, versine};
 
 /// Up to so many lights without extent are each looked at before one is chosen.
 const FEW: usize = 16;
@@ -85,7 +85,7 @@ impl<'s> Lights<'s> {
         let power = |light: &Light| match *light {
             Light::Point { intensity, .. } => 2.0 * TAU * intensity.dot(LUMINANCE),
             Light::Spot { intensity, inner_angle, outer_angle, .. } => {
-                TAU * (1.0 - (0.5 * (inner_angle + outer_angle)).cos()) * intensity.dot(LUMINANCE)
+                TAU * versine(0.5 * (inner_angle + outer_angle)) * intensity.dot(LUMINANCE)
             }
             Light::Directional { irradiance, .. } | Light::Sun { irradiance, .. } => {
                 cross_section * irradiance.dot(LUMINANCE)
@@ -262,8 +262,7 @@ impl Lights<'_> {
             }
             Light::Spot { position, direction: axis, intensity, inner_angle, outer_angle, falloff: shape } => {
                 let (direction, target, falloff) = towards(position)?;
-                let cos = -axis.dot(direction);
-                let strength = spot_strength(cos, inner_angle, outer_angle, shape);
+                let strength = spot_strength(axis, -direction, inner_angle, outer_angle, shape);
                 (strength > 0.0).then(|| (direction, target, intensity * (strength * falloff)))
             }
             Light::Directional { direction, irradiance } => Some((-direction, Target::Infinity, irradiance)),
@@ -273,9 +272,8 @@ impl Lights<'_> {
                 (intensity != Vec3::ZERO).then(|| (direction, target, intensity * falloff))
             }
             Light::Sun { direction, irradiance, angle, .. } => {
-                // Even over the cone, whose middle is as bright as its edge; 2 sin^2(angle / 2) is 1 - cos without cancellation.
-                let sine = (0.5 * angle).sin();
-                let height = u.x * 2.0 * sine * sine;
+                // Even over the cone, whose middle is as bright as its edge.
+                let height = u.x * versine(angle);
                 let (r, phi) = ((height * (2.0 - height)).sqrt(), TAU * u.y);
                 let w = Frame::new(-direction).world(Vec3::new(r * phi.cos(), r * phi.sin(), 1.0 - height));
                 // E = L pi sin^2 for radiance L, and L over the density 1 / (2 pi (1 - cos)) is 2 E / (1 + cos).
@@ -288,7 +286,7 @@ impl Lights<'_> {
     fn intensity(&self, lamp: &Lamp, w: Vec3) -> Vec3 {
         let local = lamp.world_from_lamp.transpose() * w;
         let cone = lamp.cone.map_or(1.0, |Cone { inner_angle, outer_angle, falloff }| {
-            spot_strength(-local.z, inner_angle, outer_angle, falloff)
+            spot_strength(lamp.direction(), w, inner_angle, outer_angle, falloff)
         });
         lamp.pattern.map_or(Vec3::ONE, |p| pattern_factor(&self.patterns[p], local)) * lamp.intensity * cone
     }
@@ -347,18 +345,17 @@ fn table(powers: impl Iterator<Item = f32>) -> Table {
     Table::new(&powers.map(|p| if p.is_finite() { p.max(0.0) } else { 1.0 }).collect::<Vec<_>>())
 }
 
-/// How strongly a spot light shines at an angle from its axis.
-fn spot_strength(cos: f32, inner: f32, outer: f32, falloff: SpotFalloff) -> f32 {
+/// How strongly a spot light shines along unit `w`.
+fn spot_strength(axis: Vec3, w: Vec3, inner: f32, outer: f32, falloff: SpotFalloff) -> f32 {
+    // 1 - cos of the angle between them, without cancellation.
+    let height = 0.5 * axis.distance_squared(w);
+    let [full, dark] = [inner, outer].map(versine);
     match falloff {
-        // KHR_lights_punctual: clamp((cos - cos_outer) / max(0.001, cos_inner - cos_outer))^2.
-        SpotFalloff::CosineSquared => {
-            let ramp = (cos - outer.cos()) / (inner.cos() - outer.cos()).max(0.001);
-            ramp.clamp(0.0, 1.0).powi(2)
-        }
-        SpotFalloff::AngleLinear => {
-            let angle = cos.clamp(-1.0, 1.0).acos();
-            if angle <= inner { 1.0 } else { ((outer - angle) / (outer - inner)).clamp(0.0, 1.0) }
-        }
+        _ if height <= full => 1.0,
+        _ if height >= dark => 0.0,
+        // KHR_lights_punctual: ((cos - cos_outer) / (cos_inner - cos_outer))^2.
+        SpotFalloff::CosineSquared => ((dark - height) / (dark - full)).powi(2),
+        SpotFalloff::AngleLinear => ((outer - angle_of_versine(height)) / (outer - inner)).clamp(0.0, 1.0),
     }
 }
 
@@ -384,18 +381,25 @@ mod tests {
 
     #[test]
     fn spot_falloffs() {
-        let (inner, outer) = (0.3_f32, 0.7_f32);
-        for shape in [SpotFalloff::CosineSquared, SpotFalloff::AngleLinear] {
-            assert_eq!(spot_strength(1.0, inner, outer, shape), 1.0);
-            assert!((spot_strength(inner.cos(), inner, outer, shape) - 1.0).abs() < 1e-5);
-            assert!(spot_strength(outer.cos(), inner, outer, shape) < 1e-5);
-            assert_eq!(spot_strength(-1.0, inner, outer, shape), 0.0);
+        use SpotFalloff::{AngleLinear, CosineSquared};
+        let at = |angle: f32, inner: f32, outer: f32, shape: SpotFalloff| {
+            spot_strength(Vec3::Y, Vec3::new(0.0, angle.cos(), angle.sin()), inner, outer, shape)
+        };
+        // Also narrower than 32 bits of a cosine can tell.
+        for scale in [1.0, 1e-3, 1e-5, 1e-7] {
+            let (inner, outer) = (0.3 * scale, 0.7 * scale);
+            for shape in [CosineSquared, AngleLinear] {
+                assert_eq!(at(0.0, inner, outer, shape), 1.0);
+                assert!((at(inner, inner, outer, shape) - 1.0).abs() < 1e-5);
+                assert!(at(outer, inner, outer, shape) < 1e-5);
+                assert_eq!(at(PI, inner, outer, shape), 0.0);
+            }
+            assert!((at(0.5 * scale, inner, outer, AngleLinear) - 0.5).abs() < 1e-5);
+            let middle = angle_of_versine(0.5 * (versine(inner) + versine(outer)));
+            assert!((at(middle, inner, outer, CosineSquared) - 0.25).abs() < 1e-5);
+            assert_eq!(at(0.6 * scale, 0.7 * scale, 0.7 * scale, AngleLinear), 1.0, "a hard edge");
+            assert_eq!(at(0.8 * scale, 0.7 * scale, 0.7 * scale, AngleLinear), 0.0);
         }
-        assert!((spot_strength(0.5_f32.cos(), inner, outer, SpotFalloff::AngleLinear) - 0.5).abs() < 1e-5);
-        let middle = 0.5 * (inner.cos() + outer.cos());
-        assert!((spot_strength(middle, inner, outer, SpotFalloff::CosineSquared) - 0.25).abs() < 1e-5);
-        assert_eq!(spot_strength(0.9, 0.7, 0.7, SpotFalloff::AngleLinear), 1.0, "a hard edge is no division by zero");
-        assert_eq!(spot_strength(0.1, 0.7, 0.7, SpotFalloff::AngleLinear), 0.0);
     }
 
     #[test]

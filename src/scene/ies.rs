@@ -1,7 +1,12 @@
 //! IES profiles: how a luminaire's intensity depends on direction, as measured (ANSI/IES LM-63, 1986 to 2019).
 //!
-//! Type C photometry without tilt: planes of vertical angles, 0 on the axis, at horizontal angles over all, half or a quarter of
-//! the turn, or one for all. Candelas are values times the multiplier and the ballast factor. The luminaire's size is not used.
+//! Nadir, the photometric zero, is the lamp's axis -Z; the photometric horizontal is +X (LM-63-02, section 3). Type C has planes of
+//! vertical angles, 0 at the nadir, at horizontal angles over all, half or a quarter of the turn, or one for all. Types A and B
+//! measure the half space around the photometric horizontal and around the nadir, or one half or a quarter of that for all; they
+//! become the same table. Candelas are values times the multiplier and the ballast factor. The luminaire's size is not used.
+//!
+//! Tilt factors say how a lamp fades when its luminaire is turned away from how it was measured. Luminaires burn as they were
+//! measured here, where the factor is 1: a table of factors is read and not used.
 
 use std::path::Path;
 
@@ -11,37 +16,54 @@ use super::{LoadError, Mapping, Pattern};
 const ROWS: u32 = 361;
 /// Columns, unless one will do: every degree.
 const COLUMNS: u32 = 360;
+/// Degrees of rounding that angles of types A and B may lie outside of what was measured.
+const SLACK: f64 = 1e-4;
 /// Most angles of either kind.
 const MAX_ANGLES: usize = 1 << 14;
 
 /// Reads a profile; `path` names it in errors. Gives factors up to 1, and the candelas that 1 stands for.
 ///
 /// # Errors
-/// Text that is no profile, with the line; photometry of type A or B; a tilt; angles that do not cover what they have to.
+/// Text that is no profile, with the line; angles that do not cover what they have to.
 pub fn parse(text: &str, path: &Path) -> Result<(Pattern, f32), LoadError> {
     let mut lines = text.lines().enumerate();
     let Some((line, tilt)) = lines.by_ref().find(|(_, l)| l.trim_start().starts_with("TILT")) else {
         return Err(LoadError::new(path, "is no IES profile: it has no line that begins with TILT="));
     };
-    if tilt.split_once('=').map(|(_, value)| value.trim()) != Some("NONE") {
-        let cause = format!("`{}` is not supported: profiles without tilt say TILT=NONE", tilt.trim());
-        return Err(LoadError::at(path, format!("line {}", line + 1), cause));
-    }
+    let included = match tilt.split_once('=').map_or("", |(_, value)| value.trim()) {
+        "NONE" => false,
+        "INCLUDE" => true,
+        "" => {
+            let cause = format!("`{}` is neither TILT=NONE, TILT=INCLUDE nor TILT= and a file", tilt.trim());
+            return Err(LoadError::at(path, format!("line {}", line + 1), cause));
+        }
+        file => {
+            log::warn!(
+                "{}: the tilt factors of {file} are not read: the lamp burns as it was measured",
+                path.display()
+            );
+            false
+        }
+    };
     let separators = |c: char| c.is_whitespace() || c == ',';
     let tokens = lines.flat_map(|(line, text)| {
         text.split(separators).filter(|t| !t.is_empty()).map(move |token| (line + 1, token)).collect::<Vec<_>>()
     });
     let mut numbers = Numbers { tokens, path, line: line + 1 };
+    if included {
+        numbers.skip_tilt()?;
+    }
     numbers.next("the number of lamps")?;
     numbers.next("the lumens per lamp")?;
     let multiplier = numbers.positive("the candela multiplier")?;
     let vertical = numbers.count("vertical")?;
     let horizontal = numbers.count("horizontal")?;
-    match numbers.next("the photometric type")? {
-        1.0 => {}
-        2.0 | 3.0 => return Err(numbers.error("photometry of type A and B is not supported: convert it to type C")),
-        other => return Err(numbers.error(format!("the photometric type is {other}; it has to be 1 (type C)"))),
-    }
+    let photometry = match numbers.next("the photometric type")? {
+        1.0 => Photometry::C,
+        2.0 => Photometry::B,
+        3.0 => Photometry::A,
+        other => return Err(numbers.error(format!("the photometric type is {other}; it has to be 1, 2 or 3"))),
+    };
     for what in ["the type of unit", "the width", "the length", "the height"] {
         numbers.next(what)?;
     }
@@ -50,18 +72,15 @@ pub fn parse(text: &str, path: &Path) -> Result<(Pattern, f32), LoadError> {
     numbers.next("the input watts")?;
 
     let vertical = numbers.angles("vertical", vertical)?;
-    let (low, high) = (vertical[0], vertical[vertical.len() - 1]);
-    if !((low == 0.0 || low == 90.0) && (high == 90.0 || high == 180.0) && low < high) {
-        return Err(numbers
-            .error(format!("vertical angles run from {low} to {high}; they have to cover 0-90, 90-180 or 0-180")));
+    let reach = [vertical[0], vertical[vertical.len() - 1]];
+    let (verticals, horizontals) = photometry.ranges();
+    if !verticals.contains(&reach) {
+        return Err(numbers.error(out_of_range("vertical", reach, verticals)));
     }
     let horizontal = numbers.angles("horizontal", horizontal)?;
     let span = [horizontal[0], horizontal[horizontal.len() - 1]];
-    if ![[0.0; 2], [0.0, 90.0], [0.0, 180.0], [0.0, 360.0], [90.0, 270.0]].contains(&span) {
-        return Err(numbers.error(format!(
-            "horizontal angles run from {} to {}; they have to be 0 alone or cover 0-90, 0-180, 90-270 or 0-360",
-            span[0], span[1]
-        )));
+    if !horizontals.contains(&span) {
+        return Err(numbers.error(out_of_range("horizontal", span, horizontals)));
     }
     let mut values = Vec::with_capacity(vertical.len() * horizontal.len());
     for _ in 0..vertical.len() * horizontal.len() {
@@ -82,11 +101,11 @@ pub fn parse(text: &str, path: &Path) -> Result<(Pattern, f32), LoadError> {
     }
     let columns = if horizontal.len() == 1 { 1 } else { COLUMNS };
     let texel = |i: u32| {
-        let v = (i / columns) as f32 * (180.0 / (ROWS - 1) as f32);
-        let h = fold((i % columns) as f32 * (360.0 / columns as f32), span);
-        if v < low || v > high || peak == 0.0 {
+        let polar = (i / columns) as f32 * (180.0 / (ROWS - 1) as f32);
+        let azimuth = (i % columns) as f32 * (360.0 / columns as f32);
+        let Some([v, h]) = photometry.measured(polar, azimuth, [reach, span]).filter(|_| peak > 0.0) else {
             return [0.0; 3];
-        }
+        };
         let (row, fv) = between(&vertical, v);
         let (plane, fh) = between(&horizontal, h);
         let at = |plane: usize, row: usize| {
@@ -98,6 +117,63 @@ pub fn parse(text: &str, path: &Path) -> Result<(Pattern, f32), LoadError> {
     let texels = (0..ROWS * columns).map(texel).collect();
     let name = path.display().to_string();
     Ok((Pattern { name, mapping: Mapping::Sphere, width: columns, height: ROWS, texels }, candelas))
+}
+
+/// Coordinates that directions are measured in, degrees.
+#[derive(Clone, Copy)]
+enum Photometry {
+    /// Horizontal angles turn clockwise around the vertical axis, vertical ones rise from the horizontal.
+    A,
+    /// Vertical angles turn around the horizontal axis that is across, from the nadir to the photometric horizontal; horizontal ones
+    /// are those to the plane that the axis is across, clockwise.
+    B,
+    /// Horizontal angles turn counterclockwise around the vertical axis, vertical ones are those to the nadir.
+    C,
+}
+
+impl Photometry {
+    /// Ranges that vertical and horizontal angles may have.
+    fn ranges(self) -> (&'static [[f32; 2]], &'static [[f32; 2]]) {
+        const HALVES: &[[f32; 2]] = &[[0.0, 90.0], [-90.0, 90.0]];
+        match self {
+            Self::A | Self::B => (HALVES, HALVES),
+            Self::C => (
+                &[[0.0, 90.0], [90.0, 180.0], [0.0, 180.0]],
+                &[[0.0; 2], [0.0, 90.0], [0.0, 180.0], [90.0, 270.0], [0.0, 360.0]],
+            ),
+        }
+    }
+
+    /// Vertical and horizontal angle of the direction at one of type C; none where nothing was measured. The spans that angles were
+    /// measured over mirror what begins at 0.
+    fn measured(self, polar: f32, azimuth: f32, spans: [[f32; 2]; 2]) -> Option<[f32; 2]> {
+        if matches!(self, Self::C) {
+            let [[low, high], span] = spans;
+            return (low..=high).contains(&polar).then(|| [polar, fold(azimuth, span)]);
+        }
+        let (sin, cos) = f64::from(polar).to_radians().sin_cos();
+        let (across, forward) = f64::from(azimuth).to_radians().sin_cos();
+        // Forward is the photometric horizontal.
+        let [forward, right, up] = [sin * forward, -sin * across, -cos];
+        let angles = match self {
+            Self::A => [up.atan2(forward.hypot(right)), right.atan2(forward)],
+            _ => [forward.atan2(-up), right.atan2(forward.hypot(up))],
+        };
+        let folded = [0, 1].map(|i| {
+            let angle = angles[i].to_degrees();
+            if spans[i][0] == 0.0 { angle.abs() } else { angle }
+        });
+        folded
+            .iter()
+            .all(|angle| angle.abs() <= 90.0 + SLACK)
+            .then(|| folded.map(|angle| angle.clamp(-90.0, 90.0) as f32))
+    }
+}
+
+fn out_of_range(kind: &str, [low, high]: [f32; 2], allowed: &[[f32; 2]]) -> String {
+    let range = |&[from, to]: &[f32; 2]| if from == to { format!("{from} alone") } else { format!("{from} to {to}") };
+    let allowed: Vec<String> = allowed.iter().map(range).collect();
+    format!("{kind} angles run from {low} to {high}; they have to cover {}", allowed.join(", or "))
 }
 
 /// The measured angle with the same value as one from 0 to 360: quarters and halves are mirrored.
@@ -168,6 +244,22 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Numbers<'a, I> {
         Err(self.error(format!("{what} is {value}; it has to be a whole number from 1 to {MAX_ANGLES}")))
     }
 
+    /// How lamps burn in the luminaire, how many factors there are, their angles and they themselves.
+    fn skip_tilt(&mut self) -> Result<(), LoadError> {
+        let geometry = self.next("the lamp's geometry in the luminaire")?;
+        if ![1.0, 2.0, 3.0].contains(&geometry) {
+            return Err(
+                self.error(format!("the lamp's geometry in the luminaire is {geometry}; it has to be 1, 2 or 3"))
+            );
+        }
+        let count = self.count("tilt")?;
+        self.angles("tilt", count)?;
+        for _ in 0..count {
+            self.positive("a tilt factor")?;
+        }
+        Ok(())
+    }
+
     fn angles(&mut self, kind: &str, count: usize) -> Result<Vec<f32>, LoadError> {
         let mut angles: Vec<f32> = Vec::with_capacity(count);
         for _ in 0..count {
@@ -188,20 +280,120 @@ impl<'a, I: Iterator<Item = (usize, &'a str)>> Numbers<'a, I> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f32::consts::PI;
+    use glam::Vec3;
+    use std::f32::consts::{PI, TAU};
 
-    /// A file with the given angles, and values that grow by one.
+    /// A file of type C with the given angles, and values that grow by one.
     fn file(vertical: &[f32], horizontal: &[f32]) -> String {
-        let list =
-            |values: &mut dyn Iterator<Item = f32>| values.map(|v| v.to_string()).collect::<Vec<_>>().join("\n ");
-        let values = list(&mut (1..=vertical.len() * horizontal.len()).map(|v| v as f32));
+        let values: Vec<f32> = (1..=vertical.len() * horizontal.len()).map(|v| v as f32).collect();
+        file_of(1, vertical, horizontal, &values)
+    }
+
+    fn file_of(photometry: u32, vertical: &[f32], horizontal: &[f32], values: &[f32]) -> String {
+        let list = |values: &[f32]| values.iter().map(f32::to_string).collect::<Vec<_>>().join("\n ");
         format!(
-            "IESNA:LM-63-2002\n[TEST] none\n[MANUFAC] nobody\nTILT=NONE\n1 -1 2.0 {} {} 1 2 0.1 0.1 0\n0.5, 1 60\n{}\n{}\n{values}\n",
+            "IESNA:LM-63-2002\n[TEST] none\n[MANUFAC] nobody\nTILT=NONE\n1 -1 2.0 {} {} {photometry} 2 0.1 0.1 0\n0.5, 1 60\n{}\n{}\n{}\n",
             vertical.len(),
             horizontal.len(),
-            list(&mut vertical.iter().copied()),
-            list(&mut horizontal.iter().copied()),
+            list(vertical),
+            list(horizontal),
+            list(values),
         )
+    }
+
+    /// A file of a distribution over directions with the nadir at -Z and the photometric horizontal at +X, every five degrees.
+    fn measure(photometry: u32, [low, high]: [i16; 2], [from, to]: [i16; 2], value: impl Fn(Vec3) -> f32) -> String {
+        let angles = |from: i16, to: i16| (from..=to).step_by(5).map(f32::from).collect::<Vec<_>>();
+        let (vertical, horizontal) = (angles(low, high), angles(from, to));
+        let values =
+            horizontal.iter().flat_map(|h| vertical.iter().map(move |v| [h, v].map(|a| a.to_radians().sin_cos())));
+        let direction = |[(sin_h, cos_h), (sin_v, cos_v)]: [(f32, f32); 2]| match photometry {
+            1 => Vec3::new(sin_v * cos_h, sin_v * sin_h, -cos_v),
+            // Clockwise from above is towards -Y.
+            2 => Vec3::new(cos_h * sin_v, -sin_h, -cos_h * cos_v),
+            _ => Vec3::new(cos_v * cos_h, -cos_v * sin_h, sin_v),
+        };
+        let values: Vec<f32> = values.map(|angles| value(direction(angles))).collect();
+        file_of(photometry, &vertical, &horizontal, &values)
+    }
+
+    /// Candelas at an angle from the axis, in steps of half a degree, and an azimuth in degrees.
+    fn candelas(text: &str) -> impl Fn(usize, usize) -> f32 + use<> {
+        let (pattern, candelas) = read(text).unwrap();
+        move |half_degrees, azimuth| pattern.texels[half_degrees * 360 + azimuth][0] * candelas
+    }
+
+    #[test]
+    fn types_a_and_b_are_as_type_c() {
+        // Nothing about it is symmetric.
+        let value = |d: Vec3| 3.0 + d.x + 0.7 * d.y - 0.5 * d.z + 0.6 * d.x * d.y;
+        let (below, ahead) = (|d: Vec3| d.z < -0.01, |d: Vec3| d.x > 0.01);
+        let both = [-90, 90];
+        let mirrored = |d: Vec3| value(Vec3::new(d.x.abs(), -d.y.abs(), d.z));
+        let risen = |d: Vec3| value(Vec3::new(d.x, -d.y.abs(), d.z.abs()));
+        let c = candelas(&measure(1, [0, 180], [0, 360], value));
+        let c_mirrored = candelas(&measure(1, [0, 180], [0, 360], mirrored));
+        let c_risen = candelas(&measure(1, [0, 180], [0, 360], risen));
+        let cases: [(&dyn Fn(usize, usize) -> f32, String, fn(Vec3) -> bool); 4] = [
+            (&c, measure(2, both, both, value), below),
+            (&c, measure(3, both, both, value), ahead),
+            // Quarters, each the one of positive angles.
+            (&c_mirrored, measure(2, [0, 90], [0, 90], value), below),
+            (&c_risen, measure(3, [0, 90], [0, 90], value), ahead),
+        ];
+        for (expected, text, lit) in cases {
+            let actual = candelas(&text);
+            let mut compared = 0;
+            for (half_degrees, azimuth) in (1..360).step_by(7).flat_map(|v| (0..360).step_by(11).map(move |h| (v, h))) {
+                let (polar, around) = ((half_degrees as f32 * 0.5).to_radians(), (azimuth as f32).to_radians());
+                let d = Vec3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), -polar.cos());
+                let (a, e) = (actual(half_degrees, azimuth), expected(half_degrees, azimuth));
+                if lit(d) {
+                    // Both are linear between angles that are five degrees apart.
+                    assert!((a - e).abs() < 0.01, "{half_degrees} {azimuth}: {a} is not {e}");
+                    compared += 1;
+                } else if !lit(-d) {
+                    continue;
+                } else {
+                    assert_eq!(a, 0.0, "{half_degrees} {azimuth}");
+                }
+            }
+            assert!(compared > 700, "{compared}");
+        }
+    }
+
+    #[test]
+    fn even_light_stays_even() {
+        for photometry in [2, 3] {
+            for from in [-90, 0] {
+                let (pattern, candelas) = read(&measure(photometry, [from, 90], [from, 90], |_| 2.0)).unwrap();
+                assert_eq!(candelas, 2.0);
+                assert!(pattern.texels.iter().flatten().all(|&v| v == 0.0 || (v - 1.0).abs() < 1e-6));
+                // The half space, and half a degree over which the table falls to 0.
+                let flux = pattern.flux(|_, _| 1.0).x;
+                assert!((flux / TAU - 1.0).abs() < 0.01, "{photometry}, {from}: {flux}");
+            }
+        }
+    }
+
+    #[test]
+    fn tilt_factors_are_read_over() {
+        let plain = file(&[0.0, 30.0, 90.0], &[0.0]);
+        let tilted = |tilt: &str| read(&plain.replacen("TILT=NONE", tilt, 1));
+        let expected = read(&plain).unwrap();
+        assert_eq!(tilted("TILT=INCLUDE\n1\n3\n0 45 90\n1.0 0.9\n0.8").unwrap(), expected);
+        assert_eq!(tilted("TILT=lamp.tlt").unwrap(), expected);
+        for (tilt, says) in [
+            ("TILT=", "line 4: `TILT=` is neither"),
+            ("TILT=INCLUDE\n4\n1\n0\n1", "line 5: the lamp's geometry in the luminaire is 4"),
+            ("TILT=INCLUDE\n1\n0\n0\n1", "line 6: the number of tilt angles is 0"),
+            ("TILT=INCLUDE\n1\n2\n90 0\n1 1", "line 7: tilt angles have to increase, but 0 follows 90"),
+            ("TILT=INCLUDE\n1\n1\n0\n-1", "line 8: a tilt factor is -1; it has to be above 0"),
+            ("TILT=INCLUDE\n1\n1\n0\nx", "line 8: a tilt factor is `x`"),
+        ] {
+            let error = tilted(tilt).unwrap_err();
+            assert!(error.contains(says), "{error}, not {says}");
+        }
     }
 
     fn read(text: &str) -> Result<(Pattern, f32), String> {
@@ -224,7 +416,7 @@ mod tests {
             (a - slope * t0) * (t0.cos() - t1.cos()) + slope * moment
         };
         let expected = 2.0 * PI * (linear(1.0, 2.0, 0.0, PI / 6.0) + linear(2.0, 3.0, PI / 6.0, PI / 2.0));
-        let flux = pattern.flux(|_| 1.0).x * candelas;
+        let flux = pattern.flux(|_, _| 1.0).x * candelas;
         // And the half degree over which the table falls to 0.
         assert!((flux - expected).abs() < 0.005 * 3.0 * 2.0 * PI, "{flux} is not {expected}");
     }
@@ -259,17 +451,20 @@ mod tests {
     fn errors_name_line_and_cure() {
         let good = file(&[0.0, 90.0], &[0.0]);
         for (from, to, says) in [
-            ("TILT=NONE", "TILT=INCLUDE", "line 4: `TILT=INCLUDE` is not supported: profiles without tilt"),
             ("TILT=NONE\n", "", "has no line that begins with TILT="),
-            ("2.0 2 1 1 2", "2.0 2 1 2 2", "line 5: photometry of type A and B is not supported: convert it to type C"),
-            ("2.0 2 1 1 2", "2.0 2 1 7 2", "line 5: the photometric type is 7"),
+            (
+                "2.0 2 1 1 2",
+                "2.0 2 1 2 2",
+                "line 9: horizontal angles run from 0 to 0; they have to cover 0 to 90, or -90 to 90",
+            ),
+            ("2.0 2 1 1 2", "2.0 2 1 7 2", "line 5: the photometric type is 7; it has to be 1, 2 or 3"),
             ("2.0 2 1 1 2", "0 2 1 1 2", "line 5: the candela multiplier is 0; it has to be above 0"),
             ("2.0 2 1 1 2", "2.0 1e9 1 1 2", "line 5: the number of vertical angles is 1000000000"),
             ("2.0 2 1 1 2", "2.0 2.5 1 1 2", "whole number"),
             ("0.5, 1 60", "half, 1 60", "line 6: the ballast factor is `half`, which is not a number"),
             ("0\n 90\n0", "0\n 80\n0", "vertical angles run from 0 to 80"),
             ("0\n 90\n0", "90\n 0\n0", "line 8: vertical angles have to increase, but 0 follows 90"),
-            ("90\n0\n1", "90\n45\n1", "horizontal angles run from 45 to 45"),
+            ("90\n0\n1", "90\n45\n1", "horizontal angles run from 45 to 45; they have to cover 0 alone, or 0 to 90"),
             ("\n1\n 2\n", "\n1\n -2\n", "line 11: the candela value -2 is negative"),
             ("\n1\n 2\n", "\n1\n inf\n", "which is not a number"),
             ("\n1\n 2\n", "\n1\n", "the file ends before a candela value"),
@@ -281,6 +476,6 @@ mod tests {
             assert!(error.contains(says) && error.starts_with("lamp.ies"), "{error}, not {says}");
         }
         let dark = read(&good.replace("\n1\n 2\n", "\n0\n 0\n")).unwrap();
-        assert_eq!((dark.1, dark.0.flux(|_| 1.0).x), (0.0, 0.0));
+        assert_eq!((dark.1, dark.0.flux(|_, _| 1.0).x), (0.0, 0.0));
     }
 }

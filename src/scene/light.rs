@@ -6,6 +6,18 @@ use glam::{Mat3, Vec3};
 
 use super::Pattern;
 
+/// 1 - cos of an angle in radians, without cancellation.
+#[must_use]
+pub fn versine(angle: f32) -> f32 {
+    2.0 * (0.5 * angle).sin().powi(2)
+}
+
+/// The angle in radians, at most pi, whose 1 - cos this is.
+#[must_use]
+pub fn angle_of_versine(versine: f32) -> f32 {
+    2.0 * (0.5 * versine).sqrt().min(1.0).asin()
+}
+
 /// How a spot light fades between its inner and outer cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SpotFalloff {
@@ -132,8 +144,24 @@ impl Cone {
             _ if angle <= self.inner_angle => 1.0,
             _ if angle >= self.outer_angle => 0.0,
             SpotFalloff::AngleLinear => ramp(self.inner_angle, self.outer_angle, angle),
-            SpotFalloff::CosineSquared => ramp(self.inner_angle.cos(), self.outer_angle.cos(), angle.cos()).powi(2),
+            SpotFalloff::CosineSquared => {
+                ramp(versine(self.inner_angle), versine(self.outer_angle), versine(angle)).powi(2)
+            }
         }
+    }
+
+    /// The mean of it over the directions between two angles from the axis, radians, the second one larger.
+    fn mean_strength(&self, from: f32, to: f32) -> f32 {
+        const STEPS: u16 = 8;
+        let reach = [from, to.min(self.outer_angle)];
+        if reach[0] >= reach[1] {
+            return 0.0;
+        }
+        // Even in the cosine, of the part that is lit.
+        let [low, high] = reach.map(versine);
+        let at = |i: u16| low + (high - low) * (f32::from(i) + 0.5) / f32::from(STEPS);
+        let sum = (0..STEPS).map(|i| self.strength(angle_of_versine(at(i)))).sum::<f32>();
+        sum / f32::from(STEPS) * ((high - low) / (versine(to) - low))
     }
 }
 
@@ -154,10 +182,10 @@ impl Lamp {
     /// Power, watts, per channel.
     #[must_use]
     pub fn power(&self, patterns: &[Pattern]) -> Vec3 {
-        let strength = |angle: f32| self.cone.map_or(1.0, |c| c.strength(angle));
+        let strength = |from: f32, to: f32| self.cone.map_or(1.0, |c| c.mean_strength(from, to));
         match self.pattern {
             Some(pattern) => self.intensity * patterns[pattern].flux(strength),
-            None => self.intensity * (2.0 * PI * (1.0 - self.outer_angle(patterns).cos())),
+            None => self.intensity * (2.0 * PI * versine(self.outer_angle(patterns))),
         }
     }
 }

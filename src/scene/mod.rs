@@ -37,7 +37,7 @@ pub use environment::{Environment, EnvironmentChange, EnvironmentMap, Rows};
 pub use error::LoadError;
 pub use geometry::Geometry;
 pub use height::{Height, HeightMap, Wave};
-pub use light::{Cone, Lamp, Light, SpotFalloff};
+pub use light::{Cone, Lamp, Light, SpotFalloff, angle_of_versine, versine};
 pub use load::{load, load_under};
 pub use material::{AlphaMask, Boundary, Bsdf, Color, Emission, Fresnel, Material, NormalMap, SMOOTH, Scalar, Sides};
 pub use mesh::{Instance, Mesh};

@@ -52,11 +52,12 @@ impl Pattern {
         }
     }
 
-    /// Integral of the factors over all directions, times a strength that depends on the angle from the axis in radians.
+    /// Integral of the factors over all directions, times a strength that depends on the angle from the axis: given as its mean
+    /// between two angles in radians.
     ///
-    /// Exact to rounding where the strength is 1; otherwise the strength is taken at the middle of each cell.
+    /// Exact to rounding where the strength is 1; otherwise each cell has the strength of the ring around the axis that it spans.
     #[must_use]
-    pub fn flux(&self, strength: impl Fn(f32) -> f32) -> Vec3 {
+    pub fn flux(&self, strength: impl Fn(f32, f32) -> f32) -> Vec3 {
         let (width, height) = (self.width as usize, self.height as usize);
         let texel = |row: usize, column: usize| Vec3::from(self.texels[row * width + column % width]).as_dvec3();
         let mut sum = glam::DVec3::ZERO;
@@ -68,7 +69,7 @@ impl Pattern {
                     let (t0, t1) = (angle(row), angle(row + 1));
                     let all = t0.cos() - t1.cos();
                     let lower = ((t1.sin() - t1 * t1.cos()) - (t0.sin() - t0 * t0.cos()) - t0 * all) / (t1 - t0);
-                    let weight = f64::from(strength((0.5 * (t0 + t1)) as f32)) * f64::from(TAU) / width as f64;
+                    let weight = f64::from(strength(t0 as f32, t1 as f32)) * f64::from(TAU) / width as f64;
                     for column in 0..width {
                         let (a, b) = (
                             texel(row, column) + texel(row, column + 1),
@@ -81,10 +82,12 @@ impl Pattern {
             Mapping::Image { half_extent } | Mapping::Projection { half_extent } => {
                 let projection = matches!(self.mapping, Mapping::Projection { .. });
                 let size = half_extent / Vec2::new(self.width as f32, self.height as f32);
+                let across = 2.0 * size.length();
                 for (row, column) in (0..height).flat_map(|row| (0..width).map(move |column| (row, column))) {
                     let at = (Vec2::new(column as f32, row as f32) * 2.0 + 1.0) * size - half_extent;
                     let cos = 1.0 / (1.0 + at.length_squared()).sqrt();
-                    let solid = if projection { 1.0 } else { cos.powi(3) } * strength(at.length().atan());
+                    let [near, far] = [-0.5, 0.5].map(|half| (at.length() + half * across).max(0.0).atan());
+                    let solid = if projection { 1.0 } else { cos.powi(3) } * strength(near, far);
                     sum += texel(row, column) * f64::from(4.0 * size.x * size.y * solid);
                 }
             }

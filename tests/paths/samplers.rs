@@ -251,7 +251,7 @@ fn lights_are_drawn_as_their_density_says() {
             0 => ("point", of.iter().map(|a| f64::from(a.w[2]) * 0.5 + 0.5).collect()),
             1 => {
                 let axis = Vec3::from(record.direction);
-                let even = |a: &&DrawAnswer| (1.0 - axis.dot(Vec3::from(a.w))) / (1.0 - record.cos_outer);
+                let even = |a: &&DrawAnswer| (1.0 - axis.dot(Vec3::from(a.w))) / record.outer_versine;
                 ("spot", of.iter().map(|a| f64::from(even(a))).collect())
             }
             4 => {
