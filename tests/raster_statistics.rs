@@ -17,7 +17,7 @@ use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::renderer::Progressive as _;
-use lightsheaf::scene::{Bsdf, Emission, Environment, Light, Material, Scene, SpotFalloff, builtin};
+use lightsheaf::scene::{Bsdf, Emission, Environment, Fresnel, Light, Material, Scene, SpotFalloff, builtin};
 use lightsheaf::settings::{LightSampling, Method, Settings, Strategies};
 
 /// Pictures of `raster` in a comparison.
@@ -292,6 +292,20 @@ fn many_lights_agree_with_the_reference() {
     differ("three lights missing", &compare(&pictures(gpu, &scene, &settings(2)), &expected, Look::Blocks));
 }
 
+/// Mean squared difference of the means of pixels, less the variance of the means, over the mean square.
+fn squared_bias(films: &[Film], expected: &[Film]) -> f32 {
+    let value = |f: &Film, i: usize| Vec3::from(f.pixels[i]).element_sum() / 3.0;
+    let mean = |films: &[Film], i: usize| films.iter().map(|f| value(f, i)).sum::<f32>() / films.len() as f32;
+    let variance = |films: &[Film], i: usize| {
+        let (m, n) = (mean(films, i), films.len() as f32);
+        films.iter().map(|f| (value(f, i) - m).powi(2)).sum::<f32>() / (n - 1.0) / n
+    };
+    let excess = |i: usize| (mean(films, i) - mean(expected, i)).powi(2) - variance(films, i) - variance(expected, i);
+    let pixels = films[0].pixels.len();
+    let (square, level) = (0..pixels).fold((0.0, 0.0), |(s, l), i| (s + excess(i), l + mean(expected, i).powi(2)));
+    square / level
+}
+
 /// The roughness clamp (eq. (9)) widens the lobes of the metals while samples are few: the picture's error on them, beyond what
 /// its spread explains, has to go away as samples come.
 #[test]
@@ -300,32 +314,38 @@ fn the_roughness_clamp_vanishes() {
     let scene = builtin::load("cornell_glossy").unwrap();
     let one = settings(1);
     let expected = references(&scene, &one);
-    let mean = |films: &[Film], i: usize| {
-        films.iter().map(|f| Vec3::from(f.pixels[i]).element_sum() / 3.0).sum::<f32>() / films.len() as f32
-    };
-    // Mean squared difference of the means, less the variance of the means.
-    let bias = |films: &[Film]| {
-        let excess = |i: usize| {
-            let variance = |films: &[Film]| {
-                let (m, n) = (mean(films, i), films.len() as f32);
-                let value = |f: &Film| Vec3::from(f.pixels[i]).element_sum() / 3.0;
-                films.iter().map(|f| (value(f) - m).powi(2)).sum::<f32>() / (n - 1.0) / n
-            };
-            (mean(films, i) - mean(&expected, i)).powi(2) - variance(films) - variance(&expected)
-        };
-        let pixels = films[0].pixels.len();
-        let (square, level) = (0..pixels).fold((0.0, 0.0), |(s, l), i| (s + excess(i), l + mean(&expected, i).powi(2)));
-        square / level
-    };
     let of = |samples| pictures(gpu, &scene, &Settings { samples, ..one.clone() });
     let (few, many) = (of(8), of(128));
-    let (few_bias, many_bias) = (bias(&few), bias(&many));
+    let (few_bias, many_bias) = (squared_bias(&few, &expected), squared_bias(&many, &expected));
     println!("squared relative bias with 8 samples {few_bias:.2e}, with 128 {many_bias:.2e}");
     let [few_mean, many_mean] = [&few, &many].map(|films| compare(films, &expected, Look::Image).image[0]);
     println!("mean_bias with 8 samples {few_mean:.4}, with 128 {many_mean:.4}");
     // A lobe of width alpha is let alone from about 16 / alpha^2 samples on: 1,600 for the block.
     assert!(many_bias < 0.7 * few_bias, "{few_bias} with 8 samples, {many_bias} with 128");
     assert!(many_mean.abs() < few_mean.abs() && many_mean.abs() < 0.03, "{few_mean}, then {many_mean}");
+}
+
+/// A pool of light points brings as many samples an iteration as it has points: the clamp opens by so much earlier.
+#[test]
+fn the_roughness_clamp_counts_the_points_of_a_pool() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene { lights: Vec::new(), ..plates() };
+    scene.materials[0].bsdf = Bsdf::Conductor { alpha: 0.1.into(), fresnel: Fresnel::None, specular: Vec3::ONE.into() };
+    scene.materials[2].emission = Some(Emission { radiance: Vec3::ONE.into(), two_sided: true });
+    let direct = settings(0);
+    let expected = references(&scene, &direct);
+    let of = |points, clamp_samples| {
+        let settings = Settings { light_pool: Some(points), clamp_samples, ..direct.clone() };
+        let bias = squared_bias(&pictures(gpu, &scene, &settings), &expected);
+        println!("{points} light points, clamp for {clamp_samples} samples: squared relative bias {bias:.2e}");
+        bias
+    };
+    let (one, sixteen, open) = (of(1, 16.0), of(16, 16.0), of(16, 1.0));
+    assert!(sixteen < 0.3 * one, "{one} with one light point, {sixteen} with sixteen");
+    assert!(
+        open < 0.3 * sixteen,
+        "{sixteen} where a highlight should hold sixteen samples, {open} where one is enough"
+    );
 }
 
 /// Every pixel of diffuse scenes, pictures of different seeds being independent:
