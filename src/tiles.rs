@@ -3,8 +3,8 @@
 //! What a tile lacks is told by the picture's first half, as of the picture itself ([`crate::metrics`]): as much lies between the two
 //! as between picture and truth, in the mean. One look may be luck, above all where pixels share their random numbers, and light that
 //! is seldom found is found next door sooner or later; so a tile's error is the larger of what it shows and half of what it showed
-//! when the picture had half as many samples, and a tile settles where that of its neighbours is small, too. It stays settled, and
-//! counts for the picture with that error.
+//! when the picture had half as many samples, and a tile settles where that of its neighbours is at most the picture's target, too. It
+//! stays settled, and counts for the picture with that error.
 
 use crate::film::Film;
 use crate::gpu::Gpu;
@@ -13,9 +13,6 @@ use crate::renderer::RenderError;
 
 /// Pixels along a side (shaders/lib/tiles.wesl).
 pub const TILE: u32 = 16;
-
-/// A tile settles where its error, and each neighbour's, is at most this share of the picture's target.
-const SHARE: f64 = 0.5;
 
 /// Columns and rows of tiles.
 #[must_use]
@@ -75,7 +72,7 @@ impl Tiles {
     /// Lets tiles settle in a picture that is to have an error of `target`. All of them have only where that is reached.
     pub fn settle(&mut self, target: f64) {
         let [columns, rows] = self.grid.map(|side| side as usize);
-        let calm: Vec<bool> = self.errors.iter().map(|&error| error <= SHARE * target).collect();
+        let calm: Vec<bool> = self.errors.iter().map(|&error| error <= target).collect();
         for (tile, settled) in self.settled.iter_mut().enumerate() {
             let around = |at: usize, side: usize| at.saturating_sub(1)..(at + 2).min(side);
             let mut near = around(tile / columns, rows)
@@ -178,33 +175,33 @@ mod tests {
 
     #[test]
     fn a_tile_settles_where_two_looks_and_its_neighbours_agree() {
-        let quiet = SHARE / 4.0;
+        let quiet = 0.25;
         assert_eq!(after(&[quiet], quiet, 7).running(), 15, "one look is none");
         let two = after(&[quiet, quiet], quiet, 7);
         assert_eq!((two.running(), two.running_pixels()), (0, 0));
         // The middle, and all but the first and the last column beside it.
-        let loud = after(&[1.0, 1.0], quiet, 7);
+        let loud = after(&[4.0, 4.0], quiet, 7);
         let columns = |tiles: &Tiles| (0..5).map(|at| tiles.settled()[10 + at]).collect::<Vec<_>>();
         assert_eq!(columns(&loud), [true, false, false, false, true]);
         assert_eq!((loud.running(), loud.running_pixels()), (9, 9 * 256));
-        let corner = after(&[1.0, 1.0], quiet, 0);
+        let corner = after(&[4.0, 4.0], quiet, 0);
         assert_eq!((corner.running(), corner.settled()[0], corner.settled()[6]), (4, false, false));
         // What was loud and is quiet may be luck: half of what it was stays believed.
-        assert_eq!(after(&[4.0 * SHARE, 0.0], quiet, 7).running(), 9);
-        assert_eq!(after(&[4.0 * SHARE, 0.0, 0.0], quiet, 7).running(), 0);
+        assert_eq!(after(&[4.0, 0.0], quiet, 7).running(), 9);
+        assert_eq!(after(&[4.0, 0.0, 0.0], quiet, 7).running(), 0);
         assert_eq!(after(&[f64::NAN, f64::NAN, f64::NAN], quiet, 7).running(), 9, "holes never settle");
     }
 
     #[test]
     fn settled_tiles_count_with_the_error_that_they_had() {
-        let quiet = SHARE / 4.0;
-        let mut tiles = after(&[1.0, 1.0], quiet, 0);
+        let quiet = 0.25;
+        let mut tiles = after(&[4.0, 4.0], quiet, 0);
         // Pictures of settled tiles no longer change, which says nothing; the three beside the corner and itself go on.
         let running = |tiles: &Tiles, error: f64| {
             tiles.settled().iter().map(|&s| if s { 0.0 } else { error }).collect::<Vec<_>>()
         };
-        let shown = running(&tiles, 0.9);
-        assert!((tiles.learn(&shown) - (11.0 * quiet + 4.0 * 0.9) / 15.0).abs() < 1e-12);
+        let shown = running(&tiles, 3.0);
+        assert!((tiles.learn(&shown) - (11.0 * quiet + 4.0 * 3.0) / 15.0).abs() < 1e-12);
         // Settled they stay, whatever happens beside them.
         tiles.settle(1.0);
         assert_eq!(tiles.running(), 4);
@@ -216,10 +213,10 @@ mod tests {
     /// Where the last tile settles the target is reached, so that no picture goes on without pixels.
     #[test]
     fn all_tiles_have_settled_only_where_the_target_is_reached() {
-        for look in [0.0, 0.1, 0.2, SHARE, 0.3, 1.0] {
-            let mut tiles = after(&[look, look, look], SHARE, 3);
+        for look in [0.0, 0.5, 1.0, 1.5, 4.0] {
+            let mut tiles = after(&[look, look, look], 1.0, 3);
             let error = tiles.learn(&[look; 15]);
-            assert!(tiles.running() > 0 || error <= SHARE, "{look}: {error}");
+            assert!(tiles.running() > 0 || error <= 1.0, "{look}: {error}");
         }
     }
 

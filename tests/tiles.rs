@@ -105,16 +105,15 @@ fn settled_tiles_keep_their_picture_and_the_others_go_on() {
 fn pixels_that_settled_lend_nothing() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let scene = builtin::load("point_hall:40").unwrap();
-    let settings =
-        Settings { light_sampling: Some(LightSampling::Restir), restir_memory: 20.0, bounces: 0, ..base(Method::Path) };
+    let settings = Settings { light_sampling: Some(LightSampling::Restir), bounces: 0, ..base(Method::Path) };
     let settled = every_other();
     let mut renderer = renderer(gpu, &scene, &settings);
     let half = picture(&mut *renderer, HALF);
     renderer.settle(&settled).unwrap();
-    let joint = picture(&mut *renderer, 200);
+    let joint = picture(&mut *renderer, 600);
     assert!(joint == joined(&settled, &half, &joint), "settled tiles keep their picture");
     renderer.restart(settings.seed);
-    let all = picture(&mut *renderer, 200 + HALF);
+    let all = picture(&mut *renderer, 600 + HALF);
     let others = joined(&settled, &all, &joint);
     let found = compare(&others, &all).unwrap();
     println!("{found:?}");
