@@ -134,11 +134,12 @@ impl Frame {
             })
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
-        let pixels = PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs);
+        let pixels = PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs, plan.settles);
         let choices = plan.grid.largest() * layouts::Choice::bytes(plan.is_live() && plan.glossy());
         // One for each time that a view is filled.
         let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
+        let met: &[_] = if plan.camera_meets { &plan.light_flags } else { &[] };
         let rasterized = !plan.rays && !views.is_empty();
         let frame = Self {
             view_setup: rasterized.then(|| ViewSetup::new(gpu, false, plan.fast)),
@@ -154,11 +155,11 @@ impl Frame {
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, sent].concat()))),
             gbuffer: GBuffer::new(gpu, &surface, size[0], size[1]),
-            eye_vertices: EyeVertices::new(gpu, &with(if plan.camera_meets { &plan.light_flags } else { &[] })),
+            eye_vertices: EyeVertices::new(gpu, &with(&[met, plan.settle_flags()].concat())),
             connections: connections.collect(),
             extensions: extensions.collect(),
             list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(visibility))),
-            accumulate: Accumulate::new(gpu, layered),
+            accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags()].concat()),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
             light_in_view: None,

@@ -40,7 +40,8 @@
 //!
 //! Each vertex found is joined with each vertex of the light subpath, light that a bundle runs into is added, and every path
 //! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
-//! [`passes::accumulate`] adds the iteration to the film.
+//! [`passes::accumulate`] adds the iteration to the film. Where an error is asked for, parts of the picture that are near enough to
+//! the truth take no more of them ([`tiles`]).
 //!
 //! # Few samples
 //!
@@ -141,6 +142,7 @@ pub mod sampler;
 pub mod scene;
 pub mod settings;
 pub mod stress;
+pub mod tiles;
 pub mod view;
 #[cfg(feature = "viewer")]
 pub mod viewer;

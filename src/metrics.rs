@@ -100,6 +100,28 @@ pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareErro
     })
 }
 
+/// `rel_mse` of each square of `side` pixels, row by row; those at the right and at the bottom may be smaller. NaN where values of the
+/// image are not finite.
+///
+/// # Errors
+/// Where no comparison is possible.
+pub fn rel_mse_of_tiles(image: &Film, reference: &Film, side: u32) -> Result<Vec<f64>, CompareError> {
+    check(image, reference)?;
+    let (width, side) = (image.width as usize, side as usize);
+    let columns = width.div_ceil(side);
+    let mut sums = vec![(0.0, 0.0); columns * (image.height as usize).div_ceil(side)];
+    for (at, (image, reference)) in image.pixels.iter().zip(&reference.pixels).enumerate() {
+        let (sum, count) = &mut sums[at / width / side * columns + at % width / side];
+        for (&x, &r) in image.iter().zip(reference) {
+            let (x, r) = (f64::from(x), f64::from(r));
+            *sum += (x - r) * (x - r) / (r * r + DARK);
+            *count += 1.0;
+        }
+    }
+    // Infinities are no error but a hole.
+    Ok(sums.iter().map(|(sum, count)| if f64::is_finite(*sum) { sum / count } else { f64::NAN }).collect())
+}
+
 /// The exposure at which FLIP looks at an image: 0.8 / (95th percentile of the reference's luminance), 1 for a black one.
 #[must_use]
 pub fn flip_exposure(reference: &Film) -> f64 {

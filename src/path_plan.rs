@@ -7,6 +7,7 @@ use crate::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::plan::PlannedPass;
 use crate::scene::{Light, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
+use crate::tiles;
 
 /// Bounces that nothing reaches: roulette ends paths long before.
 const ENDLESS: u32 = 1 << 24;
@@ -61,6 +62,7 @@ impl PathPlan {
             ("LIGHT_PATHS", both_sides),
             ("LIGHT_TREE", light_sampling.has_tree()),
             ("RESERVOIRS", light_sampling.resamples()),
+            ("SETTLES", settings.settles()),
         ];
         let flags = flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect();
 
@@ -71,6 +73,7 @@ impl PathPlan {
         let per_pixel = if both_sides { u64::from(bounces.max(1)) * size_of::<PathVertex>() as u64 } else { 0 };
         let group = limit.checked_div(per_pixel).unwrap_or(u64::MAX).min(pixels).min(MOST_OF_A_GROUP);
         let runs = pixels.div_ceil(group.max(1)) as u32;
+        let film = if settings.settles() { "film, but for tiles that have settled" } else { "film" };
         let passes = vec![
             PlannedPass::tessellate(stats),
             PlannedPass {
@@ -100,7 +103,7 @@ impl PathPlan {
                     "a path per pixel, joined to lights".to_owned()
                 },
             },
-            PlannedPass { name: "resolve", runs: 1, reason: "film".to_owned() },
+            PlannedPass { name: "resolve", runs: 1, reason: film.to_owned() },
         ];
         let vertex_bytes = group * per_pixel;
         // Image, film, what resampling keeps and, where light subpaths meet the camera, splats.
@@ -109,7 +112,8 @@ impl PathPlan {
             LightSampling::Ris => size_of::<FirstHit>() as u64,
             _ => 0,
         };
-        let bytes = pixels * (16 + 32 + kept + if both_sides { 24 } else { 0 }) + vertex_bytes;
+        let settled = if settings.settles() { tiles::bytes(settings.width, settings.height) } else { 0 };
+        let bytes = settled + pixels * (16 + 32 + kept + if both_sides { 24 } else { 0 }) + vertex_bytes;
         Self { passes, flags, bounces, light_sampling, group: group as u32, vertex_bytes, bytes }
     }
 }

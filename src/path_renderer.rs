@@ -21,6 +21,7 @@ use crate::posing::Posing;
 use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
+use crate::tiles::{self, Settled};
 
 /// Samples between looks at the log.
 const BATCH: u64 = 8;
@@ -42,6 +43,8 @@ struct Pixels {
     log: wgpu::Buffer,
     /// Light subpaths and splats.
     light: Option<(wgpu::Buffer, wgpu::Buffer)>,
+    /// Where tiles may settle.
+    settled: Option<Settled>,
 }
 
 /// What of a scene does not need the device.
@@ -148,6 +151,7 @@ impl<'gpu> PathRenderer<'gpu> {
                 log: gpu.storage("log", 16),
                 light: both_sides
                     .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
+                settled: settings.settles().then(|| Settled::new(gpu, settings.width, settings.height)),
             },
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes + posing.bytes(), ..Default::default() },
@@ -218,6 +222,7 @@ impl<'gpu> PathRenderer<'gpu> {
             ("log", self.pixels.log.as_entire_binding()),
         ]);
         bindings.extend(self.shared.light_nodes.as_ref().map(|nodes| ("light_nodes", nodes.as_entire_binding())));
+        bindings.extend(self.pixels.settled.iter().map(Settled::binding));
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
         }
@@ -282,12 +287,17 @@ impl Progressive for PathRenderer<'_> {
 
     fn restart(&mut self, seed: u32) {
         clear(self.gpu, &self.pixels.film);
+        self.pixels.settled.iter().for_each(|settled| clear(self.gpu, settled.words()));
         self.constants.seed = seed;
         self.samples = 0;
     }
 
+    fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
+        self.pixels.settled.as_ref().ok_or_else(tiles::never)?.write(self.gpu, tiles)
+    }
+
     fn film(&self) -> Result<Film, RenderError> {
-        read_film(self.gpu, std::iter::once(&self.pixels.film), &self.settings, self.samples)
+        read_film(self.gpu, std::iter::once(&self.pixels.film), &self.settings)
     }
 
     fn stats(&self) -> RenderStats {

@@ -5,6 +5,7 @@
 use crate::gpu::Gpu;
 use crate::grid::{Grid, Region};
 use crate::layouts;
+use crate::tiles::Settled;
 
 /// Buffers per pixel of a region, and those that are each region's own.
 pub struct PixelBuffers {
@@ -14,6 +15,8 @@ pub struct PixelBuffers {
     radiance: wgpu::Buffer,
     /// Densities of the bundles' directions, where they are not even.
     bundle_pdfs: wgpu::Buffer,
+    /// Where tiles may settle.
+    pub settled: Option<Settled>,
 }
 
 /// What each region has.
@@ -32,7 +35,7 @@ pub struct Band<'a> {
     pub size: [u32; 2],
     /// What the iteration shares: a `Frame`.
     pub frame: &'a wgpu::Buffer,
-    /// Sum and compensation per pixel, of all iterations; none where frames have layers.
+    /// Sum, compensation and number per pixel, of all iterations; none where frames have layers.
     pub film: Option<&'a wgpu::Buffer>,
     pixels: &'a PixelBuffers,
 }
@@ -40,7 +43,7 @@ pub struct Band<'a> {
 impl PixelBuffers {
     /// Allocates for an image that is divided so.
     #[must_use]
-    pub fn new(gpu: &Gpu, grid: &Grid, glossy: bool, bundle_pdfs: &[f32]) -> Self {
+    pub fn new(gpu: &Gpu, grid: &Grid, glossy: bool, bundle_pdfs: &[f32], settles: bool) -> Self {
         let own = |region: Region| Own {
             region,
             frame: gpu.uniform::<layouts::Frame>("frame"),
@@ -53,6 +56,7 @@ impl PixelBuffers {
             shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
+            settled: settles.then(|| Settled::new(gpu, grid.size[0], grid.size[1])),
         }
     }
 
@@ -90,20 +94,28 @@ impl PixelBuffers {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let films: u64 = self.films().map(wgpu::Buffer::size).sum();
-        films + self.eye_vertices.size() + self.shadings.size() + self.radiance.size() + self.bundle_pdfs.size()
+        let settled = self.settled.as_ref().map_or(0, |settled| settled.words().size());
+        films
+            + settled
+            + self.eye_vertices.size()
+            + self.shadings.size()
+            + self.radiance.size()
+            + self.bundle_pdfs.size()
     }
 }
 
 impl Band<'_> {
     /// The bindings that passes over pixels share.
     #[must_use]
-    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 5] {
-        [
+    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
+        let mut bindings = vec![
             ("frame", self.frame.as_entire_binding()),
             ("eye_vertices", self.pixels.eye_vertices.as_entire_binding()),
             ("shadings", self.pixels.shadings.as_entire_binding()),
             ("radiance", self.pixels.radiance.as_entire_binding()),
             ("bundle_pdfs", self.pixels.bundle_pdfs.as_entire_binding()),
-        ]
+        ];
+        bindings.extend(self.pixels.settled.iter().map(Settled::binding));
+        bindings
     }
 }

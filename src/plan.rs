@@ -7,6 +7,7 @@ use crate::grid::Grid;
 use crate::layouts;
 use crate::scene::SceneStats;
 use crate::settings::{Method, Settings, Strategies, Visibility};
+use crate::tiles;
 use crate::view::{Answers, RECORD_BYTES, Texels};
 
 /// Most light vertices: the light, y1 and y2.
@@ -130,6 +131,8 @@ pub struct FramePlan {
     pub bounces: u32,
     /// Which pixels share a light subpath, and which are followed at a time, so that what is kept per pixel is bounded.
     pub grid: Grid,
+    /// Whether tiles of the picture take no more samples once they have settled.
+    pub settles: bool,
     /// Whether direct light has no noise that a filter should take away.
     pub clear_light: bool,
     /// Whether the pixels of a square are joined by a filter.
@@ -276,6 +279,7 @@ impl FramePlan {
                 scale: settings.upsample,
                 band_pixels: 0,
             },
+            settles: settings.settles(),
             clear_light: stats.one_sharp_light && light_pool == 1,
             filtered: settings.interleave > 1 && !settings.unfiltered,
             tamed: settings.tame_outliers && settings.is_live(),
@@ -400,6 +404,12 @@ impl FramePlan {
         if self.is_live() { &["LAYERED"] } else { &[] }
     }
 
+    /// Flags of shaders that begin pixels and of those that sum them.
+    #[must_use]
+    pub fn settle_flags(&self) -> &'static [&'static str] {
+        if self.settles { &["SETTLES"] } else { &[] }
+    }
+
     /// Whether a frame says how much the light changed since the one before.
     #[must_use]
     pub fn has_gradients(&self) -> bool {
@@ -421,8 +431,9 @@ impl FramePlan {
         let radiance = if live { 48 } else { 16 };
         let kept = pool + layouts::EyeVertex::bytes(shared) + layouts::Shading::bytes(self.glossy()) + radiance;
         let film = if live { self.live_bytes() } else { pixels * 32 };
+        let settled = if self.settles { tiles::bytes(settings.width, settings.height) } else { 0 };
         // The film or what stands for it, and the G-buffer with its depth.
-        let image = film + pixels * 8 + self.grid.largest() * kept;
+        let image = film + settled + pixels * 8 + self.grid.largest() * kept;
         let views: u64 = self
             .views()
             .iter()
@@ -571,7 +582,11 @@ impl FramePlan {
             if self.list_lengths { bands } else { 0 },
             if self.list_lengths { "in place of light" } else { "not asked for" }.to_owned(),
         );
-        let to = if self.is_live() { "the frame's layers, which are filtered" } else { "film" };
+        let to = match (self.is_live(), self.settles) {
+            (true, _) => "the frame's layers, which are filtered",
+            (false, true) => "film, but for tiles that have settled",
+            (false, false) => "film",
+        };
         pass("accumulate", bands + clear_bands, to.to_owned());
         self.explain_live(&mut pass);
         out

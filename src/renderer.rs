@@ -15,6 +15,7 @@ use crate::plan::FramePlan;
 use crate::posing::Posing;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, Settings, Strategies};
+use crate::tiles;
 use crate::view::Answers;
 
 /// Iterations between looks at the log.
@@ -60,10 +61,17 @@ pub trait Progressive {
     /// [`RenderError::Gpu`] where the device reports an error or cannot hold what the scene needs.
     fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
 
-    /// Begins a new picture with another seed.
+    /// Begins a new picture with another seed; no tile of it has settled.
     fn restart(&mut self, seed: u32);
 
-    /// The picture so far: the mean of all samples.
+    /// Says which tiles of the picture take no more samples, row by row, one for each square of [`tiles::TILE`] pixels, those at the
+    /// right and at the bottom perhaps smaller. These keep the pictures they have; the others go on as if all did.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] for another number of tiles, and where [`Settings::settles`] is false.
+    fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError>;
+
+    /// The picture so far: the mean of each pixel's samples.
     ///
     /// # Errors
     /// [`RenderError::Gpu`].
@@ -225,11 +233,11 @@ impl<'gpu> Renderer<'gpu> {
 
     /// What a new pose and a new camera have in common. A picture that is filtered frame by frame goes on from the last one.
     fn begin(&mut self) -> Result<(), RenderError> {
-        self.favour_lights()?;
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.posing.bytes(), ..Default::default() };
         if self.frame.live.is_none() {
             self.restart(self.settings.seed);
         }
+        self.favour_lights()?;
         Ok(self.gpu.check()?)
     }
 
@@ -330,6 +338,7 @@ impl Progressive for Renderer<'_> {
 
     fn restart(&mut self, seed: u32) {
         self.frame.pixels.films().for_each(|film| clear(self.gpu, film));
+        self.frame.pixels.settled.iter().for_each(|settled| clear(self.gpu, settled.words()));
         if let Some(live) = &mut self.frame.live {
             live.restart();
         }
@@ -337,10 +346,14 @@ impl Progressive for Renderer<'_> {
         self.samples = 0;
     }
 
+    fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
+        self.frame.pixels.settled.as_ref().ok_or_else(tiles::never)?.write(self.gpu, tiles)
+    }
+
     fn film(&self) -> Result<Film, RenderError> {
         match &self.frame.live {
             Some(live) => Ok(live.film(self.gpu)?),
-            None => read_film(self.gpu, self.frame.pixels.films(), &self.settings, self.samples),
+            None => read_film(self.gpu, self.frame.pixels.films(), &self.settings),
         }
     }
 
@@ -384,22 +397,23 @@ pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
     gpu.queue.submit([encoder.finish()]);
 }
 
-/// Means of compensated sums, which may lie in several buffers.
+/// Means of compensated sums, each of as many samples as it says, which may lie in several buffers.
 pub(crate) fn read_film<'a>(
     gpu: &Gpu,
     films: impl Iterator<Item = &'a wgpu::Buffer>,
     settings: &Settings,
-    samples: u64,
 ) -> Result<Film, RenderError> {
     let mut sums: Vec<[[f32; 4]; 2]> = Vec::new();
     for film in films {
         sums.extend(read_back::<[[f32; 4]; 2]>(gpu, film, (film.size() / 32) as usize)?);
     }
-    let n = samples.max(1) as f64;
-    let mean = |sum: f32, lost: f32| ((f64::from(sum) - f64::from(lost)) / n) as f32;
+    // The sum's fourth number says of how many samples it is: all whole ones up to the most that can be asked for.
+    let mean = |[sum, lost]: &[[f32; 4]; 2], c: usize| {
+        ((f64::from(sum[c]) - f64::from(lost[c])) / f64::from(sum[3].max(1.0))) as f32
+    };
     Ok(Film {
         width: settings.width,
         height: settings.height,
-        pixels: sums.iter().map(|[s, c]| [mean(s[0], c[0]), mean(s[1], c[1]), mean(s[2], c[2])]).collect(),
+        pixels: sums.iter().map(|sums| [0, 1, 2].map(|c| mean(sums, c))).collect(),
     })
 }

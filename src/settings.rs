@@ -465,6 +465,12 @@ impl Settings {
         self.interleave > 1 || self.history > 0 || self.upsample > 1
     }
 
+    /// Whether tiles of pictures may settle: take no more samples once they are as near to the truth as asked for.
+    #[must_use]
+    pub fn settles(&self) -> bool {
+        self.target_error.is_some() && !self.is_live()
+    }
+
     /// Exponent of the MIS heuristic.
     #[must_use]
     pub fn beta(&self) -> f32 {

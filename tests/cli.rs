@@ -440,6 +440,9 @@ fn an_error_that_is_asked_for_is_reached() {
         let scene = ["render", "builtin:cornell_point", "--size", "32x32", "-o", &out, "--stats", &json];
         succeed(&[&scene[..], more].concat());
         let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        let taken = stats["taken"].as_f64();
+        assert!(taken.is_none_or(|taken| taken > 0.0 && taken <= 1.0), "{taken:?}");
+        assert_eq!(taken.is_some(), more[0] == "--target-error");
         (stats["samples"].as_u64().unwrap(), stats["estimated_error"].as_f64())
     };
     let [rough, fine] = ["0.02", "0.002"].map(|error| render(&["--target-error", error]));

@@ -69,6 +69,8 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && (!has("TRANSMISSION") || has("SPECULAR"))
         // Entries are counted where somebody reads the count.
         && has("WALKED") == (pass == "list_lengths")
+        // Layers are not summed, and have no tiles that settle.
+        && !(has("SETTLES") && has("LAYERED"))
         && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
 }
 
@@ -83,11 +85,13 @@ const FEW: u32 = 3;
 
 /// All sensible subsets, or those of them with few flags on, or few off.
 fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
-    // Reached by imports alone; no set with them is sensible.
+    // Reached by imports alone; no set with it is sensible. SPECULAR comes with GLOSSY.
+    let mirrors = follows_mirrors(pass);
+    assert!(!mirrors || flags.contains(&"SPECULAR"), "{pass}");
     let flags: Vec<_> = flags
         .iter()
         .copied()
-        .filter(|f| follows_mirrors(pass) || !matches!(*f, "SPECULAR" | "TRANSMISSION"))
+        .filter(|f| *f != "SPECULAR" && (mirrors || *f != "TRANSMISSION"))
         .filter(|f| pass == "list_lengths" || *f != "WALKED")
         .collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
@@ -95,6 +99,10 @@ fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
     (0..1_u32 << flags.len())
         .filter(|bits| every || few(bits))
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
+        .map(|mut set| {
+            set.extend(set.contains(&"GLOSSY").then_some("SPECULAR").filter(|_| mirrors));
+            set
+        })
         .filter(|set| sensible(pass, set))
         .collect()
 }

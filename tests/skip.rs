@@ -383,6 +383,29 @@ fn frames_are_filtered_only_where_asked() {
     assert!(both.contains("memory layer_guides") && !filtered.contains("memory layer_guides"));
 }
 
+/// Tiles of pictures settle only where an error is asked for, and frames with layers have none.
+#[test]
+fn tiles_settle_only_where_an_error_is_asked_for() {
+    let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
+    let _alone = alone();
+    let brought = ["memory settled", "code is_settled"];
+    for method in [Method::Raster, Method::Twin, Method::RayQuery, Method::Path] {
+        let gpu = if method.traces_rays() { rays } else { gpu };
+        let asked = |target_error| ask(gpu, &plain(), &Settings { target_error, ..settings(method) }, 2);
+        let (with, without) = (asked(Some(0.01)).names(), asked(None).names());
+        let more: Vec<_> = with.difference(&without).filter(|name| !name.starts_with("flag ")).collect();
+        assert!(brought.iter().all(|name| with.contains(*name) && !without.contains(*name)), "{method}: {with:?}");
+        assert!(
+            more.iter().all(|name| brought.contains(&name.as_str()) || *name == "code place_of"),
+            "{method}: {more:?}"
+        );
+        assert!(without.is_subset(&with), "{method}");
+    }
+    let live = Settings { target_error: Some(0.01), history: 8, ..settings(Method::Raster) };
+    let live = ask(gpu, &plain(), &live, 2).names();
+    assert!(brought.iter().all(|name| !live.contains(*name)), "{live:?}");
+}
+
 /// The plan says what will be allocated beside the scene, and that is what was: within 5 %.
 #[test]
 fn memory_is_what_the_plan_says() {

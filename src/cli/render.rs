@@ -9,12 +9,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
-use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
+use lightsheaf::tiles::Tiles;
 
 use super::output;
 use super::view::{self, ANIMATION, View, ViewArgs};
@@ -57,6 +57,14 @@ pub struct RenderArgs {
     quiet: bool,
 }
 
+/// How a picture came as near to the truth as asked for, or as its budget allowed.
+struct Convergence {
+    /// Its rel_mse, estimated; none where nothing can be said.
+    error: Option<f64>,
+    /// Share of all pixels' samples that was taken.
+    taken: f64,
+}
+
 /// The file that `--stats` writes.
 #[derive(serde::Serialize)]
 struct Stats<'a> {
@@ -69,6 +77,8 @@ struct Stats<'a> {
     samples: u64,
     /// With `--target-error`: rel_mse as the picture's first half tells it.
     estimated_error: Option<f64>,
+    /// With `--target-error`: share of all pixels' samples that was taken; settled tiles take no more.
+    taken: Option<f64>,
     seconds: Seconds,
     /// With --frames, since the first one.
     passes: BTreeMap<&'static str, PassTime>,
@@ -310,9 +320,9 @@ impl Job<'_> {
         let setup = self.began.elapsed().as_secs_f64();
         let began = Instant::now();
         let bar = self.bar(self.settings.samples.into());
-        let mut estimated_error = None;
+        let mut converged = None;
         match (self.settings.target_error, self.settings.budget) {
-            (Some(target), _) => estimated_error = self.converge(renderer, target, &bar)?,
+            (Some(target), _) => converged = Some(self.converge(renderer, target, &bar)?),
             (None, None) => renderer.render(self.settings.samples.into(), &mut |samples| {
                 bar.set_position(samples);
                 true
@@ -335,7 +345,8 @@ impl Job<'_> {
         let stats = Stats {
             device: gpu.capabilities.adapter.clone(),
             samples,
-            estimated_error,
+            estimated_error: converged.as_ref().and_then(|converged| converged.error),
+            taken: converged.map(|converged| converged.taken),
             seconds: Seconds { load: self.load, setup, render },
             bytes,
             scene_bytes,
@@ -351,35 +362,47 @@ impl Job<'_> {
 
     /// Doubles the samples until the picture is as near to the truth as asked for, or the budget is used. Between a picture and that of its
     /// first half lies as much as between it and the truth, in the mean: their difference is half of that of two independent halves.
+    /// Tiles that settle take no more samples, but where strategies are to add up to the picture.
     fn converge(
         &self,
         renderer: &mut dyn Progressive,
         target: f64,
         bar: &ProgressBar,
-    ) -> Result<Option<f64>, RenderError> {
+    ) -> Result<Convergence, RenderError> {
+        let Settings { width, height, .. } = *self.settings;
+        let settles = self.settings.settles() && self.args.strategy_images.is_none();
         let clock = self.settings.budget.map(Clock::new);
-        let (mut samples, mut half, mut error) = (0, None, None);
+        let mut tiles = Tiles::new(width, height);
+        let (mut samples, mut taken, mut half, mut error) = (0, 0, None, None);
+        let share =
+            |samples: u64, taken: u64| taken as f64 / (samples * u64::from(width) * u64::from(height)).max(1) as f64;
         let mut end = FIRST_HALF;
         while end <= (*SAMPLES.end()).into() {
             while samples < end {
                 let most = ROUND.min(end - samples);
                 let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most));
-                let Some(round) = round else { return Ok(error) };
+                let Some(round) = round else { return Ok(Convergence { error, taken: share(samples, taken) }) };
                 renderer.render(round, &mut |_| true)?;
                 samples += round;
+                taken += round * tiles.running_pixels();
                 bar.set_position(samples);
             }
             let whole = renderer.film()?;
-            error = half.and_then(|half| compare(&half, &whole).ok()).map(|comparison| comparison.rel_mse);
-            if let Some(error) = error {
-                bar.set_message(format!("{error:.2e}"));
-            }
+            error = half.and_then(|half| tiles.look(&half, &whole).ok());
             if error.is_some_and(|error| error <= target) {
                 break;
             }
+            if settles {
+                tiles.settle(target);
+                renderer.settle(tiles.settled())?;
+            }
+            if let Some(error) = error {
+                let running = tiles.running();
+                bar.set_message(format!("{error:.2e}, {running} of {} tiles not settled", tiles.settled().len()));
+            }
             (half, end) = (Some(whole), 2 * end);
         }
-        Ok(error)
+        Ok(Convergence { error, taken: share(samples, taken) })
     }
 
     fn reference(&self) -> Result<()> {
@@ -425,6 +448,7 @@ impl Job<'_> {
             size: [self.settings.width, self.settings.height],
             samples: 0,
             estimated_error: None,
+            taken: None,
             seconds: Seconds::default(),
             passes: BTreeMap::new(),
             bytes: 0,

@@ -54,6 +54,7 @@ modules!(
     "lib/strategy",
     "lib/surface",
     "lib/texture",
+    "lib/tiles",
     "lib/view",
     "visibility/raster",
     "visibility/ray_query",

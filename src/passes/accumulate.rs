@@ -1,7 +1,7 @@
 //! accumulate: adds the iteration's image to the film, or puts it into the frame's layers, unless a list overflowed; counts what is
 //! not finite.
 //!
-//! Reads the iteration's image and the views' demands. Writes the film or the layers, and the batch's log.
+//! Reads the iteration's image, the views' demands and, where tiles settle, which have. Writes the film or the layers, and the batch's log.
 
 use crate::gpu::{Bindings, Compute, Gpu};
 use crate::pixels::Band;
@@ -26,7 +26,7 @@ impl Accumulate {
         log: &wgpu::Buffer,
         layers: Bindings,
     ) {
-        let mut bindings = band.bindings().to_vec();
+        let mut bindings = band.bindings();
         bindings.extend([("demands", demands.as_entire_binding()), ("log", log.as_entire_binding())]);
         bindings.extend(band.film.map(|film| ("film", film.as_entire_binding())));
         bindings.extend_from_slice(layers);
