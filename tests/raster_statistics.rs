@@ -18,7 +18,7 @@ use lightsheaf::gpu::Gpu;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::renderer::Progressive as _;
 use lightsheaf::scene::{Bsdf, Emission, Environment, Light, Material, Scene, SpotFalloff, builtin};
-use lightsheaf::settings::{LightSampling, Method, Settings, Strategies};
+use lightsheaf::settings::{LightSampling, Method, RestirBias, Settings, Strategies};
 
 /// Pictures of `raster` in a comparison.
 const SEEDS: u32 = 12;
@@ -290,6 +290,24 @@ fn many_lights_agree_with_the_reference() {
     agree("uniform choice", &compare(&films, &expected, Look::Blocks));
     scene.lights = lights(37);
     differ("three lights missing", &compare(&pictures(gpu, &scene, &settings(2)), &expected, Look::Blocks));
+}
+
+/// What was kept of the last iteration's light points leaves the mean alone; counting all places that were asked instead does not.
+#[test]
+fn reuse_is_biased_only_where_asked_to_be() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin::load("emitter_hall:300").unwrap();
+    let light_sampling = Some(LightSampling::Restir);
+    let base = Settings { width: 24, height: 24, light_sampling, ..settings(0) };
+    let expected: Vec<_> = (0..8).map(|seed| reference(&scene, &base, 2048, 1000 + seed)).collect();
+    for light_pool in [None, Some(1), Some(4)] {
+        let films = pictures(gpu, &scene, &Settings { light_pool, ..base.clone() });
+        agree(&format!("pool {light_pool:?}"), &compare(&films, &expected, Look::Blocks));
+    }
+    let ris = Settings { light_sampling: Some(LightSampling::Ris), ..base.clone() };
+    agree("ris", &compare(&pictures(gpu, &scene, &ris), &expected, Look::Blocks));
+    let biased = Settings { restir_bias: RestirBias::Biased, ..base };
+    differ("biased", &compare(&pictures(gpu, &scene, &biased), &expected, Look::Blocks));
 }
 
 /// The roughness clamp (eq. (9)) widens the lobes of the metals while samples are few: the picture's error on them, beyond what

@@ -11,6 +11,7 @@ use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::metrics::compare;
 use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
@@ -261,7 +262,7 @@ impl Job<'_> {
         let stats = Stats {
             demands: demands
                 .map(|(i, (&[items, nodes], texels))| Demand {
-                    view: view_name(i, plan.light_vertices as usize),
+                    view: view_name(i, plan),
                     resolution: texels.resolution,
                     items,
                     nodes,
@@ -503,10 +504,12 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Views come around the light, around the VPLs, then the bundles.
-fn view_name(index: usize, light_vertices: usize) -> String {
+/// Views come around the light, around the VPLs, then the bundles, then around a pool's light points.
+fn view_name(index: usize, plan: &FramePlan) -> String {
+    let light_vertices = plan.light_vertices as usize;
     match index {
         0 if light_vertices > 0 => "light".to_owned(),
+        i if plan.pool_view().is_some_and(|first| i >= first) => "light pool".to_owned(),
         i if i < light_vertices => format!("vpl {i}"),
         i => format!("bundle {}", i - light_vertices + 1),
     }
