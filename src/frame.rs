@@ -467,11 +467,11 @@ impl Frame {
         let (views, reuse) = (self.plan.pool_views(), self.light_reuse.as_ref());
         let sites = reuse.map(|reuse| &reuse.sites);
         pool.choose(gpu, encoder, scene, band, strategy, &light_point.points, sites);
-        for n in 0..starts.len() {
+        for (n, &view) in views.iter().enumerate().take(starts.len()) {
             if n > 0 && reuse.is_none() {
                 self.look_around(gpu, encoder, scene, light_point, lights, starts, n);
             }
-            pool.test(gpu, encoder, scene, band, n, &self.views[views[n]], sites);
+            pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
         }
         let Some(reuse) = reuse else { return };
         reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, &pool.choices);

@@ -279,7 +279,7 @@ fn many_lights_make_a_pool() {
 #[test]
 fn reuse_keeps_two_pools() {
     let of = |light_sampling, light_pool| {
-        plan(&one_light(), &Settings { light_sampling: Some(light_sampling), light_pool, ..bounces(2) })
+        plan_of(&one_light(), &Settings { light_sampling: Some(light_sampling), light_pool, ..bounces(2) })
     };
     let (ris, restir) = (of(LightSampling::Ris, None), of(LightSampling::Restir, None));
     // A pool is what both ask for, however few lights there are; only one looks back.
@@ -298,7 +298,7 @@ fn reuse_keeps_two_pools() {
     // Since maps are not drawn again for each band, bands are as small as where there is no pool.
     let large = |light_sampling| {
         let settings = Settings { width: 1024, height: 1024, light_sampling: Some(light_sampling), ..bounces(2) };
-        plan(&one_light(), &settings)
+        plan_of(&one_light(), &settings)
     };
     let (ris, restir) = (large(LightSampling::Ris), large(LightSampling::Restir));
     assert_eq!([ris.grid.regions()[0], restir.grid.regions()[0]], [1, 4]);
@@ -308,7 +308,7 @@ fn reuse_keeps_two_pools() {
     assert_eq!((one.pool_views(), runs(&one, "light_pool"), runs(&one, "light_reuse")), (vec![0, 5], 2, 3));
     let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
     assert!(plan_of(&many, &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) }).lights_for_view);
-    let unlit = plan(&dark(), &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) });
+    let unlit = plan_of(&dark(), &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) });
     assert!(!unlit.reuses() && runs(&unlit, "light_reuse") == 0);
 }
 
