@@ -1,8 +1,8 @@
 //! The method on one page: what one iteration of raster BDPT does, in order.
 //!
 //! One light subpath y0 y1 y2 and one direction per bounce serve every pixel, or, interleaved, every pixel of a class; among many
-//! lights, direct light comes from a pool of light points beside y0. Passes take their inputs as arguments; what the plan skips has no
-//! pipeline, no buffer and no call here.
+//! lights, direct light comes from a pool of light points beside y0, or from two, with that of the iteration before. Passes take their
+//! inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
 
 use std::f32::consts::TAU;
 
@@ -22,6 +22,7 @@ use crate::passes::gbuffer::GBuffer;
 use crate::passes::light_gifts::LightGifts;
 use crate::passes::light_point::LightPoint;
 use crate::passes::light_pool::LightPool;
+use crate::passes::light_reuse::LightReuse;
 use crate::passes::light_subpath::LightSubpath;
 use crate::passes::list_lengths::ListLengths;
 use crate::passes::rsm::Rsm;
@@ -31,7 +32,7 @@ use crate::pixels::{Band, PixelBuffers};
 use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
-use crate::settings::Settings;
+use crate::settings::{RestirBias, Settings};
 use crate::view::{ViewBuffers, ViewScratch, parallel};
 
 /// Pipelines and buffers of an iteration.
@@ -43,6 +44,7 @@ pub struct Frame {
     depth_maps: Option<DepthMaps>,
     light_point: Option<LightPoint>,
     light_pool: Option<LightPool>,
+    light_reuse: Option<LightReuse>,
     rsm: Option<Rsm>,
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
@@ -52,7 +54,7 @@ pub struct Frame {
     extensions: Vec<(wgpu::Buffer, Extend)>,
     list_lengths: Option<ListLengths>,
     accumulate: Accumulate,
-    /// Around the light vertices, then the bundles.
+    /// Around the light vertices, then the bundles, then around the pool's light points ([`FramePlan::pool_views`]).
     views: Vec<ViewBuffers>,
     /// Of bundles, where they do not go everywhere alike.
     directions: Option<BundleDirections>,
@@ -135,9 +137,11 @@ impl Frame {
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
         let pixels = PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs, plan.settles);
-        let choices = plan.grid.largest() * layouts::Choice::bytes(plan.is_live() && plan.glossy());
+        let choices = plan.grid.largest() * layouts::Choice::bytes(plan.is_live() && plan.glossy(), plan.reuses());
+        let reuse: &[&str] = if plan.reuses() { &["REUSE"] } else { &[] };
         // One for each time that a view is filled.
-        let fills = (views.len() + if plan.has_pool() { plan.light_pool as usize - 2 } else { 0 }).max(1);
+        let own = plan.pool_view().map_or(views.len(), |first| first + plan.light_pool as usize - 1);
+        let fills = own.max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
         let met: &[_] = if plan.camera_meets { &plan.light_flags } else { &[] };
         let rasterized = !plan.rays && !views.is_empty();
@@ -148,9 +152,14 @@ impl Frame {
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
-            light_pool: plan
-                .has_pool()
-                .then(|| LightPool::new(gpu, &with(sent), &with(visibility), plan.light_pool, choices)),
+            light_pool: plan.has_pool().then(|| {
+                let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, reuse].concat()));
+                LightPool::new(gpu, &choosing, &testing, plan.light_pool, choices)
+            }),
+            light_reuse: plan.reuse.filter(|_| plan.reuses()).map(|bias| {
+                let (points, pixels) = (plan.light_pool, u64::from(size[0]) * u64::from(size[1]));
+                LightReuse::new(gpu, &with(sent), &with(visibility), points, pixels, bias == RestirBias::Biased)
+            }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, sent].concat()))),
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, sent].concat()))),
@@ -159,7 +168,7 @@ impl Frame {
             connections: connections.collect(),
             extensions: extensions.collect(),
             list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(visibility))),
-            accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags()].concat()),
+            accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags(), reuse].concat()),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
             light_in_view: None,
@@ -210,7 +219,7 @@ impl Frame {
         pass.read(gpu)
     }
 
-    /// Records and submits one iteration; `batch_index` names it in the log.
+    /// Records and submits one iteration; `batch_index` names it in the log. Without one it is made only for what the next looks back at.
     pub fn iterate(
         &mut self,
         gpu: &Gpu,
@@ -219,22 +228,34 @@ impl Frame {
         lights: &LightTable,
         settings: &Settings,
         iteration: u64,
-        batch_index: u32,
+        batch_index: Option<u32>,
     ) {
+        self.turn(gpu, iteration > 0);
         // What the camera sees of the scene is the same for all classes of pixels.
-        let seen = describe(scene, camera, settings, &Sampler::new(settings.seed, iteration), iteration, batch_index);
+        let sampler = Sampler::new(settings.seed, iteration);
+        let seen = describe(scene, camera, settings, &sampler, iteration, batch_index.unwrap_or(0));
         let samples = self.live.as_ref().map_or(seen.samples, |live| live.samples() / settings.clamp_samples);
         let seen = layouts::Frame { samples, ..seen };
         for class in 0..self.plan.grid.subpaths() {
             let sampler = Sampler::new(settings.seed, self.number(iteration, class));
             let uniform = with_numbers(&seen, &sampler);
             self.pixels.describe(gpu, class as usize, &uniform);
-            self.subpath(gpu, scene, lights, &sampler, class as usize);
+            self.subpath(gpu, scene, lights, &sampler, class as usize, batch_index.is_some());
         }
         if self.plan.grid.scale > 1 {
             self.clear_light(gpu, scene, lights, &seen);
         }
         self.seen = seen;
+    }
+
+    /// Begins an iteration that looks back at the one before it, if there is any: the views and light points of its pool are kept.
+    fn turn(&mut self, gpu: &Gpu, has_past: bool) {
+        let (Some(reuse), Some(light_point)) = (&mut self.light_reuse, &mut self.light_point) else { return };
+        reuse.turn(gpu, has_past, &mut light_point.points);
+        let views = self.plan.pool_views();
+        let (now, past) = views.split_at(views.len() / 2);
+        now.iter().zip(past).for_each(|(&now, &past)| self.views.swap(now, past));
+        self.light_in_view = None;
     }
 
     /// Makes a picture of what the last iteration brought, where pictures are filtered frame by frame.
@@ -253,7 +274,16 @@ impl Frame {
     }
 
     /// Records and submits a light subpath, the bundles beside it, and the eye subpaths of a class of pixels, which these serve.
-    fn subpath(&mut self, gpu: &Gpu, scene: &GpuScene, lights: &LightTable, sampler: &Sampler, class: usize) {
+    /// `counts`: whether what they bring is kept.
+    fn subpath(
+        &mut self,
+        gpu: &Gpu,
+        scene: &GpuScene,
+        lights: &LightTable,
+        sampler: &Sampler,
+        class: usize,
+        counts: bool,
+    ) {
         let mut commands =
             gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("iteration") });
         let encoder = &mut commands;
@@ -275,6 +305,9 @@ impl Frame {
                     rsm.record(gpu, encoder, scene, &pass.points, &self.views[0]);
                 }
                 self.light_in_view = record.is_fixed().then_some(light);
+            }
+            if self.light_reuse.is_some() {
+                (1..starts.len()).for_each(|n| self.look_around(gpu, encoder, scene, pass, lights, &starts, n));
             }
         }
 
@@ -316,7 +349,9 @@ impl Frame {
         }
         for band in self.pixels.bands(class) {
             self.follow(gpu, encoder, scene, &band, started, lights, &starts);
-            self.keep(gpu, encoder, &band);
+            if counts {
+                self.keep(gpu, encoder, &band);
+            }
         }
         gpu.queue.submit([commands.finish()]);
     }
@@ -399,7 +434,25 @@ impl Frame {
         }
     }
 
-    /// Direct light from the pool: what each light point can see, one after the other.
+    /// What the n-th light point of the pool, which is not y0, can see.
+    fn look_around(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        light_point: &LightPoint,
+        lights: &LightTable,
+        starts: &[layouts::LightStart],
+        n: usize,
+    ) {
+        let (views, Some(first)) = (self.plan.pool_views(), self.plan.pool_view()) else { return };
+        let infinite = lights.records[starts[n].light as usize].is_infinite();
+        light_point.look(encoder, n as u32, infinite, &self.views[views[n]]);
+        self.fill(gpu, encoder, scene, views[n], first + n - 1);
+    }
+
+    /// Direct light from the pool: what each light point can see, one after the other. With reuse that is known already, and what each
+    /// pixel keeps competes with what was kept of the last pool.
     fn shine(
         &self,
         gpu: &Gpu,
@@ -412,14 +465,19 @@ impl Frame {
         lights: &LightTable,
         starts: &[layouts::LightStart],
     ) {
-        pool.choose(gpu, encoder, scene, band, strategy, &light_point.points);
-        pool.test(gpu, encoder, scene, band, 0, &self.views[0]);
-        let Some(view) = self.plan.pool_view() else { return };
-        for (n, start) in (0..).zip(starts).skip(1) {
-            let infinite = lights.records[start.light as usize].is_infinite();
-            light_point.look(encoder, n, infinite, &self.views[view]);
-            self.fill(gpu, encoder, scene, view, view + n as usize - 1);
-            pool.test(gpu, encoder, scene, band, n, &self.views[view]);
+        let (views, reuse) = (self.plan.pool_views(), self.light_reuse.as_ref());
+        let sites = reuse.map(|reuse| &reuse.sites);
+        pool.choose(gpu, encoder, scene, band, strategy, &light_point.points, sites);
+        for (n, &view) in views.iter().enumerate().take(starts.len()) {
+            if n > 0 && reuse.is_none() {
+                self.look_around(gpu, encoder, scene, light_point, lights, starts, n);
+            }
+            pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
+        }
+        let Some(reuse) = reuse else { return };
+        reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, &pool.choices);
+        for (n, &view) in views.iter().enumerate() {
+            reuse.test(gpu, encoder, scene, band, n, &self.views[view], &pool.choices);
         }
     }
 
@@ -454,11 +512,15 @@ impl Frame {
     /// What each view wanted at most, of what each fill wanted.
     #[must_use]
     pub fn of_views(&self, fills: &[[u32; 2]]) -> Vec<[u32; 2]> {
-        let mut views = fills[..self.views.len()].to_vec();
-        for [items, nodes] in &fills[self.views.len()..] {
-            if let Some(pool) = views.last_mut() {
-                *pool = [pool[0].max(*items), pool[1].max(*nodes)];
-            }
+        let Some(first) = self.plan.pool_view() else { return fills[..self.views.len()].to_vec() };
+        let (own, pool) = fills.split_at(first);
+        // With reuse, y0's view takes turns with one that was of the last iteration.
+        let pool = pool.iter().chain(own.first().filter(|_| self.plan.reuses()));
+        let most = pool.fold([0; 2], |most, wanted| [0, 1].map(|i| most[i].max(wanted[i])));
+        let mut views = own.to_vec();
+        views.resize(self.views.len(), most);
+        if self.plan.reuses() {
+            views[0] = most;
         }
         views
     }
@@ -485,6 +547,7 @@ impl Frame {
     pub fn bytes(&self) -> u64 {
         let views: u64 = self.views.iter().map(ViewBuffers::bytes).sum();
         let pool = self.light_pool.as_ref().map_or(0, LightPool::bytes);
+        let reuse = self.light_reuse.as_ref().map_or(0, LightReuse::bytes);
         let live = self.live.as_ref().map_or(0, Live::bytes);
         self.pixels.bytes()
             + live
@@ -492,6 +555,7 @@ impl Frame {
             + self.scratch.as_ref().map_or(0, ViewScratch::bytes)
             + views
             + pool
+            + reuse
     }
 
     /// Largest number of nodes that any view has room for.
@@ -501,7 +565,7 @@ impl Frame {
     }
 
     fn write_rooms(&self, gpu: &Gpu) {
-        // The last view is the one that is filled several times, where there is one.
+        // The last view is the one that is filled several times, where there is one; those of a pool are alike.
         let rooms: Vec<_> = (0..self.fills())
             .filter_map(|n| self.views.get(n).or(self.views.last()))
             .map(|v| layouts::Demand {

@@ -432,13 +432,30 @@ layouts! {
         here: f32,
         back: f32,
         previous: f32,
-        pad1: [f32; 2],
+        barycentric: [f32; 2],
     }
 
     /// What a pixel chose from a pool of light points.
     struct Choice in "light_pool" {
         value: [f32; 3],
         light_point: u32,
+    }
+
+    /// What a pixel saw in an iteration and kept of its light points; the host only needs its size.
+    struct PoolSite in "light_reuse" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        light_point: u32,
+        weight: f32,
+    }
+
+    /// How what the last iteration kept is used.
+    struct Reuse in "light_reuse" {
+        has_past: u32,
+        biased: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// What filters need to know of what a pixel shows.
@@ -496,10 +513,10 @@ impl EyeVertex {
 }
 
 impl Choice {
-    /// Bytes per pixel; `shared`: with the share that the first vertex's diffuse base has.
+    /// Bytes per pixel; `shared`: with the share that the first vertex's diffuse base has; `reuse`: with who could have chosen the same.
     #[must_use]
-    pub fn bytes(shared: bool) -> u64 {
-        (size_of::<Self>() + if shared { 16 } else { 0 }) as u64
+    pub fn bytes(shared: bool, reuse: bool) -> u64 {
+        (size_of::<Self>() + if shared { 16 } else { 0 } + if reuse { 48 } else { 0 }) as u64
     }
 }
 

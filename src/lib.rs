@@ -35,7 +35,7 @@
 //! | y0, a point on a light | the table of all lights ([`light_table`]), by power and, where there are many, by what each would give the view ([`passes::light_gifts`]) | [`passes::light_point`] |
 //! | y1, y2, the VPLs | a direction from y0, drawn from its reflective shadow map where it has one ([`passes::rsm`]), then from y1, followed through the map around that vertex | [`passes::light_subpath`] |
 //! | z2, z3, ... | the nearest triangle in front of the point in a ray-bundle's list | [`passes::extend`] |
-//! | "do y and z see each other?" | the list of the texel of the map around y | [`passes::connect`], [`passes::light_pool`] |
+//! | "do y and z see each other?" | the list of the texel of the map around y | [`passes::connect`], [`passes::light_pool`], [`passes::light_reuse`] |
 //! | lists of bundles and maps | rasterizing every triangle, dilated, into each view | [`passes::view_setup`], [`passes::view_lists`] ([`passes::depth_maps`] in `fast`) |
 //!
 //! Each vertex found is joined with each vertex of the light subpath, light that a bundle runs into is added, and every path

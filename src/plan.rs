@@ -6,7 +6,7 @@ use crate::gpu::Capabilities;
 use crate::grid::Grid;
 use crate::layouts;
 use crate::scene::SceneStats;
-use crate::settings::{Method, Settings, Strategies, Visibility};
+use crate::settings::{LightSampling, Method, RestirBias, Settings, Strategies, Visibility};
 use crate::tiles;
 use crate::view::{Answers, RECORD_BYTES, Texels};
 
@@ -95,6 +95,8 @@ pub struct FramePlan {
     pub light_vertices: u32,
     /// Light points that direct light is chosen from; the first is the light vertex.
     pub light_pool: u32,
+    /// How what pixels kept of the last iteration's pool is used again, if it is asked for.
+    pub reuse: Option<RestirBias>,
     /// Whether lights are chosen for what they would give the view, or by power alone.
     pub lights_for_view: bool,
     /// Whether light subpaths also start from lights that paths from the camera can meet.
@@ -165,8 +167,10 @@ impl FramePlan {
             _ => MOST_LIGHT_VERTICES.min(bounces + 1),
         };
         let many_lights = light_vertices > 0 && stats.light_places > FEW_LIGHTS;
-        let light_pool =
-            if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(if many_lights { POOL } else { 1 }) };
+        let sampling = settings.light_sampling;
+        let resamples = sampling.is_some_and(LightSampling::resamples);
+        let usual = if many_lights || resamples { POOL } else { 1 };
+        let light_pool = if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(usual) };
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
         let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
@@ -256,7 +260,8 @@ impl FramePlan {
             light_flags,
             light_vertices,
             light_pool,
-            lights_for_view: many_lights && settings.light_sampling.is_none(),
+            reuse: (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias),
+            lights_for_view: many_lights && (sampling.is_none() || resamples),
             starts_from_met,
             sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,
@@ -286,7 +291,7 @@ impl FramePlan {
             history: settings.history,
             bytes: 0,
         };
-        let usual = if plan.has_pool() { POOL_BAND_PIXELS } else { BAND_PIXELS };
+        let usual = if plan.has_pool() && !plan.reuses() { POOL_BAND_PIXELS } else { BAND_PIXELS };
         plan.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.explain(stats, settings);
@@ -299,7 +304,8 @@ impl FramePlan {
         *self == Self { bytes: self.bytes, ..other.clone() }
     }
 
-    /// Texels of each view: the light, the VPLs, the bundles, then one for the pool of light points.
+    /// Texels of each view: the light, the VPLs, the bundles, then one for the pool of light points, or, with reuse, one for each of
+    /// this iteration's pool and of the last one's.
     #[must_use]
     pub fn views(&self) -> Vec<Texels> {
         let mut views = Vec::new();
@@ -309,7 +315,8 @@ impl FramePlan {
         let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
         views.extend((0..self.bundles()).map(|_| bundle));
         if self.has_pool() {
-            views.push(Texels::around(self.light_resolution));
+            let count = if self.reuses() { 2 * self.light_pool as usize - 1 } else { 1 };
+            views.extend((0..count).map(|_| Texels::around(self.light_resolution)));
         }
         views
     }
@@ -323,13 +330,32 @@ impl FramePlan {
     /// Whether direct light comes from a pool of light points.
     #[must_use]
     pub fn has_pool(&self) -> bool {
-        self.light_pool > 1 && self.connections.iter().any(Connection::is_direct)
+        (self.light_pool > 1 || self.reuse.is_some()) && self.connections.iter().any(Connection::is_direct)
     }
 
-    /// Which view the pool's light points share but for the first.
+    /// Whether pixels look back at what was kept of the last iteration's pool.
+    #[must_use]
+    pub fn reuses(&self) -> bool {
+        self.reuse.is_some() && self.has_pool()
+    }
+
+    /// The first view that is there for the pool's light points alone.
     #[must_use]
     pub fn pool_view(&self) -> Option<usize> {
         self.has_pool().then(|| self.light_vertices as usize + self.bundles())
+    }
+
+    /// Which view each light point of the pool has; with reuse, then those of the last iteration's. The first is y0's; without reuse the
+    /// others share one.
+    #[must_use]
+    pub fn pool_views(&self) -> Vec<usize> {
+        let Some(first) = self.pool_view() else { return Vec::new() };
+        let count = self.light_pool as usize;
+        if self.reuses() {
+            std::iter::once(0).chain(first..first + 2 * count - 1).collect()
+        } else {
+            (0..count).map(|n| if n == 0 { 0 } else { first }).collect()
+        }
     }
 
     /// Items that views start with room for; it grows where a frame needs more.
@@ -373,7 +399,9 @@ impl FramePlan {
     pub fn answers(&self, n: usize) -> Answers {
         if self.rays {
             Answers::Rays
-        } else if self.has_depth_maps() && (n < self.light_vertices as usize || self.pool_view() == Some(n)) {
+        } else if self.has_depth_maps()
+            && (n < self.light_vertices as usize || self.pool_view().is_some_and(|first| n >= first))
+        {
             Answers::DepthMap
         } else {
             Answers::Lists { node_words: self.node_words() }
@@ -427,13 +455,14 @@ impl FramePlan {
         let triangles = stats.triangle_room() as u64;
         let live = self.is_live();
         let shared = live && self.glossy();
-        let pool = if self.has_pool() { layouts::Choice::bytes(shared) } else { 0 };
+        let pool = if self.has_pool() { layouts::Choice::bytes(shared, self.reuses()) } else { 0 };
         let radiance = if live { 48 } else { 16 };
         let kept = pool + layouts::EyeVertex::bytes(shared) + layouts::Shading::bytes(self.glossy()) + radiance;
         let film = if live { self.live_bytes() } else { pixels * 32 };
         let settled = if self.settles { tiles::bytes(settings.width, settings.height) } else { 0 };
-        // The film or what stands for it, and the G-buffer with its depth.
-        let image = film + settled + pixels * 8 + self.grid.largest() * kept;
+        let looked_back = if self.reuses() { 2 * size_of::<layouts::PoolSite>() as u64 } else { 0 };
+        // The film or what stands for it, the G-buffer with its depth, and what the next iteration looks back at.
+        let image = film + settled + pixels * (8 + looked_back) + self.grid.largest() * kept;
         let views: u64 = self
             .views()
             .iter()
@@ -471,9 +500,9 @@ impl FramePlan {
         let mut pass = |name, runs: u32, reason: String| out.push(PlannedPass { name, runs, reason });
         let subpaths = self.grid.subpaths();
         let [bands, clear_bands] = self.grid.regions();
-        // Of the pool's light points, whose view is filled again for each band.
-        let around_lights =
-            subpaths * self.light_vertices + if self.has_pool() { bands * (self.light_pool - 1) } else { 0 };
+        // Of the pool's light points, whose view is filled again for each band, unless each has one of its own.
+        let around_pool = if self.reuses() { 1 } else { bands } * (self.light_pool - 1);
+        let around_lights = subpaths * self.light_vertices + if self.has_pool() { around_pool } else { 0 };
         let views = if self.rays { 0 } else { around_lights + subpaths * self.bundles() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
@@ -561,8 +590,20 @@ impl FramePlan {
             if self.has_pool() { bands * (self.light_pool + 1) } else { 0 },
             match (self.light_pool, self.light_vertices) {
                 (_, 0) => NO_LIGHT.to_owned(),
-                (1, _) => "few lights: one light point an iteration".to_owned(),
+                (1, _) if !self.has_pool() => "few lights: one light point an iteration".to_owned(),
                 (n, _) => format!("direct light, (1, 2): a choice among {n} light points, then a test for each"),
+            },
+        );
+        pass(
+            "light_reuse",
+            if self.reuses() { bands * (2 * self.light_pool + 1) } else { 0 },
+            match (self.light_vertices, self.reuse) {
+                (0, _) => NO_LIGHT.to_owned(),
+                (_, None) => "only --light-sampling restir looks back".to_owned(),
+                _ if !self.reuses() => "the strategies ask for no direct light".to_owned(),
+                (_, Some(bias)) => {
+                    format!("{bias}: what was kept of this and the last iteration's light points, then a test for each")
+                }
             },
         );
         pass(

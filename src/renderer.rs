@@ -9,7 +9,7 @@ use crate::film::Film;
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
-use crate::layouts::LightVertex;
+use crate::layouts::{LightVertex, PoolSite};
 use crate::light_table::{LightTable, Met};
 use crate::plan::FramePlan;
 use crate::posing::Posing;
@@ -103,7 +103,9 @@ impl Prepared {
         let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
-        check_size(gpu, settings, u64::MAX)?;
+        let most = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let kept = size_of::<PoolSite>() as u64;
+        check_size(gpu, settings, if plan.reuses() { most / kept } else { u64::MAX })?;
         let side = gpu.capabilities.max_texture_side;
         let largest = plan.views().iter().map(|texels| texels.atlas(texels.faces)[0]).max().unwrap_or(1);
         if largest > side {
@@ -273,15 +275,7 @@ impl<'gpu> Renderer<'gpu> {
     fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
         loop {
             for (index, &iteration) in iterations.iter().enumerate() {
-                self.frame.iterate(
-                    self.gpu,
-                    &self.scene,
-                    &self.camera,
-                    &self.lights,
-                    &self.settings,
-                    iteration,
-                    index as u32,
-                );
+                self.iterate(iteration, Some(index as u32));
             }
             self.gpu.timings.collect(self.gpu)?;
             let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * self.frame.fills())?;
@@ -314,7 +308,17 @@ impl<'gpu> Renderer<'gpu> {
             self.frame.grow(self.gpu, &self.scene, &needed);
             iterations =
                 iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
+            // What the first of them looks back at is gone. It must be the iteration before it and no other, since which iterations
+            // run out of room depends on what they would bring.
+            if let (true, Some(before)) = (self.plan.reuses(), iterations[0].checked_sub(1)) {
+                self.iterate(before, None);
+            }
         }
+    }
+
+    fn iterate(&mut self, iteration: u64, batch_index: Option<u32>) {
+        let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
+        frame.iterate(gpu, scene, camera, lights, settings, iteration, batch_index);
     }
 }
 

@@ -145,9 +145,9 @@ pub enum LightSampling {
     Power,
     /// By power, distance and orientation, through a tree.
     Tree,
-    /// The same, and where the camera looks by resampling what the tree gives.
+    /// Where the camera looks by resampling: what the tree gives, in raster and twin a pool of light points.
     Ris,
-    /// With what the pixel and its neighbours kept in the last sample (ReSTIR DI).
+    /// With what the pixel and its neighbours kept in the last sample or iteration (ReSTIR DI).
     Restir,
 }
 
@@ -156,6 +156,12 @@ impl LightSampling {
     #[must_use]
     pub fn has_tree(self) -> bool {
         matches!(self, Self::Tree | Self::Ris | Self::Restir)
+    }
+
+    /// Whether what was kept before is used again.
+    #[must_use]
+    pub fn reuses(self) -> bool {
+        self == Self::Restir
     }
 
     /// Whether the light of what the camera sees is resampled.
@@ -169,7 +175,7 @@ impl LightSampling {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RestirBias {
-    /// By the pixels that could have kept them, with rays that ask whether these see them.
+    /// By the pixels that could have kept them, with rays or maps that say whether these see them.
     Unbiased,
     /// By all pixels that were asked: faster, and dark where their visibility differs.
     Biased,
@@ -248,12 +254,12 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
-    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of path [default: power; tree for ray-query and
-    /// path where more than one light is somewhere]
+    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of raster, twin and path [default: power; tree for
+    /// ray-query and path where more than one light is somewhere]
     #[arg(long, value_enum)]
     pub light_sampling: Option<LightSampling>,
     /// How `--light-sampling restir` weights what it reuses
-    #[arg(long, value_enum, default_value_t = Self::default().restir_bias, help_heading = RAYS)]
+    #[arg(long, value_enum, default_value_t = Self::default().restir_bias)]
     pub restir_bias: RestirBias,
     /// Samples of a pixel that what `--light-sampling restir` keeps stands for at most, 0 to 100; 0: no sample looks back further than
     /// to the one before
@@ -456,6 +462,15 @@ impl Settings {
                 return wrong(option, &"", format!("needs {wanted}"));
             }
         }
+        let shares = self.method.shares_subpaths();
+        if let Some(sampling) = self.light_sampling.filter(|l| shares && l.reuses() && self.is_live()) {
+            let rule = "looks back at the last iteration of the same picture; with --interleave, --history or --upsample take ris";
+            return wrong("--light-sampling", &sampling, rule.to_owned());
+        }
+        if shares && self.restir_memory > 0.0 {
+            let rule = "is an option of path; raster and twin keep the light points of one iteration and their maps, no older ones";
+            return wrong("--restir-memory", &self.restir_memory, rule.to_owned());
+        }
         self.check_foreign()
     }
 
@@ -499,9 +514,9 @@ impl Settings {
         let live = |option, value: u32, default: u32| {
             (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
         };
-        let sampling = self.light_sampling.filter(|l| judge || (shares && l.has_tree()));
-        let resampling = self.light_sampling.filter(|l| l.resamples());
-        let reuses = self.method == Method::Path && self.light_sampling == Some(LightSampling::Restir);
+        let sampling = self.light_sampling.filter(|l| judge || (shares && *l == LightSampling::Tree));
+        let resampling = self.light_sampling.filter(|l| l.resamples() && self.method == Method::RayQuery);
+        let reuses = (shares || self.method == Method::Path) && self.light_sampling.is_some_and(LightSampling::reuses);
         let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
         let memory = (self.restir_memory != default.restir_memory && !reuses).then(|| self.restir_memory.to_string());
         let changed = [
@@ -520,11 +535,11 @@ impl Settings {
             ),
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
-            ("--light-sampling", resampling.filter(|_| self.method != Method::Path).map(|l| l.to_string()), "path"),
+            ("--light-sampling", resampling.map(|l| l.to_string()), "raster, twin and path"),
             live("--interleave", self.interleave, default.interleave),
             live("--history", self.history, default.history),
             live("--upsample", self.upsample, default.upsample),
-            ("--restir-bias", bias, "path with --light-sampling restir"),
+            ("--restir-bias", bias, "raster, twin and path with --light-sampling restir"),
             ("--restir-memory", memory, "path with --light-sampling restir"),
         ];
         let resolutions =
@@ -579,6 +594,13 @@ mod tests {
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
             Settings { method: Method::Path, light_sampling: Some(LightSampling::Tree), ..base.clone() },
+            Settings { light_sampling: Some(LightSampling::Ris), interleave: 2, ..base.clone() },
+            Settings {
+                light_sampling: Some(LightSampling::Restir),
+                restir_bias: RestirBias::Biased,
+                light_pool: Some(1),
+                ..base.clone()
+            },
         ];
         for settings in good {
             assert_eq!(settings.check(), Ok(()), "{settings:?}");
@@ -610,6 +632,13 @@ mod tests {
             ("--light-sampling", {
                 Settings { method: Method::RayQuery, light_sampling: Some(LightSampling::Ris), ..base.clone() }
             }),
+            ("--light-sampling", {
+                Settings { light_sampling: Some(LightSampling::Restir), history: 4, ..base.clone() }
+            }),
+            ("--restir-memory", {
+                Settings { light_sampling: Some(LightSampling::Restir), restir_memory: 4.0, ..base.clone() }
+            }),
+            ("--restir-bias", Settings { restir_bias: RestirBias::Biased, ..base.clone() }),
             ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base.clone() }),
             ("--restir-memory", Settings { restir_memory: f32::NAN, ..base.clone() }),
             ("--restir-memory", Settings { method: Method::Path, restir_memory: 4.0, ..base }),

@@ -54,7 +54,10 @@ fn structs_agree_with_the_shaders() {
     let mut modules = BTreeMap::new();
     for described in &all {
         let module = modules.entry(described.1).or_insert_with(|| {
-            parse(described.1, &["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS", "WAVES"])
+            let flags = ["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS", "WAVES"];
+            // What looks back is nowhere without.
+            let reuse: &[&str] = if described.1 == "light_reuse" { &["CHOOSE", "REUSE"] } else { &[] };
+            parse(described.1, &[&flags, reuse].concat())
         });
         assert!(!described.3.is_empty());
         let differences = differences(described, module);

@@ -59,6 +59,7 @@ fn scenes_that_are_right_have_none() {
         look(gpu, name, &settings(Method::Raster));
         look(rays, name, &settings(Method::RayQuery));
     }
+    look(gpu, "point_hall:100", &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Raster) });
     look(rays, "cornell_area", &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Path) });
     // The passes that write floats.
     let expected = [
@@ -74,6 +75,8 @@ fn scenes_that_are_right_have_none() {
         "light_point",
         "light_pool",
         "light_pool_test",
+        "light_reuse",
+        "light_reuse_test",
         "light_subpath",
         "reservoirs",
         "resolve",

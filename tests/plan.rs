@@ -100,6 +100,7 @@ fn without_light_only_the_camera_looks() {
         ("connect", 0),
         ("light_gifts", 0),
         ("light_pool", 0),
+        ("light_reuse", 0),
         ("extend", 0),
         ("list_lengths", 0),
         ("accumulate", 1),
@@ -273,6 +274,42 @@ fn many_lights_make_a_pool() {
     // A lamp of many triangles is none.
     let lamp = SceneStats { emissive_triangles: 1000, light_places: 4, ..dark() };
     assert!(!plan_of(&lamp, &bounces(2)).has_pool());
+}
+
+#[test]
+fn reuse_keeps_two_pools() {
+    let of = |light_sampling, light_pool| {
+        plan_of(&one_light(), &Settings { light_sampling: Some(light_sampling), light_pool, ..bounces(2) })
+    };
+    let (ris, restir) = (of(LightSampling::Ris, None), of(LightSampling::Restir, None));
+    // A pool is what both ask for, however few lights there are; only one looks back.
+    for plan in [&ris, &restir] {
+        assert!(plan.has_pool() && plan.light_pool == 16 && runs(plan, "light_pool") == 17, "{plan}");
+        assert!(!plan.lights_for_view, "{plan}");
+    }
+    assert_eq!([ris.reuses(), restir.reuses()], [false, true]);
+    assert_eq!([runs(&ris, "light_reuse"), runs(&restir, "light_reuse")], [0, 33]);
+    // Each light point has a view, which lives for two iterations; no view is filled more often than without.
+    assert_eq!([ris.views().len(), restir.views().len()], [5 + 1, 5 + 31]);
+    assert_eq!(ris.pool_views(), [[0].as_slice(), &[5; 15]].concat());
+    assert_eq!(restir.pool_views(), std::iter::once(0).chain(5..36).collect::<Vec<_>>());
+    assert_eq!([runs(&ris, "view_setup"), runs(&restir, "view_setup")], [3 + 2 + 15; 2]);
+    assert!(ris.bytes < restir.bytes);
+    // Since maps are not drawn again for each band, bands are as small as where there is no pool.
+    let large = |light_sampling| {
+        let settings = Settings { width: 1024, height: 1024, light_sampling: Some(light_sampling), ..bounces(2) };
+        plan_of(&one_light(), &settings)
+    };
+    let (ris, restir) = (large(LightSampling::Ris), large(LightSampling::Restir));
+    assert_eq!([ris.grid.regions()[0], restir.grid.regions()[0]], [1, 4]);
+    assert_eq!([runs(&ris, "view_setup"), runs(&restir, "view_setup")], [20; 2]);
+    // One light point a pool has, and the last one's.
+    let one = of(LightSampling::Restir, Some(1));
+    assert_eq!((one.pool_views(), runs(&one, "light_pool"), runs(&one, "light_reuse")), (vec![0, 5], 2, 3));
+    let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
+    assert!(plan_of(&many, &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) }).lights_for_view);
+    let unlit = plan_of(&dark(), &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) });
+    assert!(!unlit.reuses() && runs(&unlit, "light_reuse") == 0);
 }
 
 #[test]

@@ -7,9 +7,9 @@ use common::{gpu, raster};
 use glam::{Mat3, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
-use lightsheaf::renderer::Renderer;
+use lightsheaf::renderer::{Progressive as _, Renderer};
 use lightsheaf::scene::{Environment, Light, Material, Mesh, Scene, builtin};
-use lightsheaf::settings::{LightSampling, Settings, Visibility};
+use lightsheaf::settings::{LightSampling, RestirBias, Settings, Visibility};
 
 fn settings(width: u32, height: u32, samples: u32) -> Settings {
     Settings { width, height, samples, ..Settings::default() }
@@ -39,12 +39,17 @@ fn a_seed_names_the_bytes() {
     assert!(apart(&one, &two)[0] > 0.01, "another seed is another picture");
 }
 
-/// An image is made band by band; where it is cut changes nothing, in scenes with one light point and with a pool of them.
+/// An image is made band by band; where it is cut changes nothing, in scenes with one light point, with a pool of them and with reuse.
 #[test]
 fn bands_leave_the_picture_as_it_is() {
     let Some(gpu) = gpu() else { return };
     // Sums over the image that lights are chosen by are the one thing that depends on the order of bands, by rounding.
-    for (name, sampling) in [("cornell_glossy", None), ("point_hall:40", Some(LightSampling::Power))] {
+    for (name, sampling) in [
+        ("cornell_glossy", None),
+        ("point_hall:40", Some(LightSampling::Power)),
+        // Its lights come from few places, so that they are chosen by power.
+        ("cornell_area", Some(LightSampling::Restir)),
+    ] {
         let scene = builtin::load(name).unwrap();
         let of = |band_pixels, seed| {
             let settings =
@@ -112,6 +117,34 @@ fn lists_without_room_grow_and_lose_nothing() {
         let [most, _] = apart(&tight.0, &ample.0);
         assert!(most < 1e-5, "{visibility}: {most}");
     }
+}
+
+/// An iteration that looks back does so at the one before it, wherever batches end and whatever ran out of room.
+#[test]
+fn reuse_looks_back_at_the_same_iteration_wherever_lists_overflow() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin::load("emitter_hall:100").unwrap();
+    let of = |list_room, restir_bias| {
+        let light_sampling = Some(LightSampling::Restir);
+        let settings = Settings { list_room, light_sampling, restir_bias, light_pool: Some(4), ..settings(32, 32, 20) };
+        raster(gpu, &scene, &settings)
+    };
+    let (tight, ample) = (of(0.001, RestirBias::Unbiased), of(16.0, RestirBias::Unbiased));
+    // More than the first, which is alone.
+    assert!(tight.1.redone > 4, "too little had to be redone: {:?}", tight.1);
+    assert_eq!((tight.1.lost_nodes, ample.1.redone), (0, 0));
+    let [most, _] = apart(&tight.0, &ample.0);
+    assert!(most < 1e-5, "{most}");
+    let [most, _] = apart(&of(16.0, RestirBias::Biased).0, &ample.0);
+    assert!(most > 0.01, "the biased variant is another picture: {most}");
+    // A picture goes on, and begins anew, as if it had been made at once.
+    let settings = Settings { light_sampling: Some(LightSampling::Restir), ..settings(32, 32, 5) };
+    let mut renderer = Renderer::new(gpu, &scene, &settings).unwrap();
+    renderer.render(5, &mut |_| true).unwrap();
+    renderer.restart(settings.seed);
+    let parts = [2, 3].map(|samples| common::picture(&mut renderer, samples));
+    let whole = raster(gpu, &scene, &settings).0;
+    assert!(parts[1].pixels == whole.pixels && parts[0].pixels != whole.pixels);
 }
 
 #[test]

@@ -18,7 +18,7 @@ use lightsheaf::gpu::Gpu;
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::renderer::Progressive as _;
 use lightsheaf::scene::{Bsdf, Emission, Environment, Fresnel, Light, Material, Scene, SpotFalloff, builtin};
-use lightsheaf::settings::{LightSampling, Method, Settings, Strategies};
+use lightsheaf::settings::{LightSampling, Method, RestirBias, Settings, Strategies};
 
 /// Pictures of `raster` in a comparison.
 const SEEDS: u32 = 12;
@@ -304,6 +304,24 @@ fn squared_bias(films: &[Film], expected: &[Film]) -> f32 {
     let pixels = films[0].pixels.len();
     let (square, level) = (0..pixels).fold((0.0, 0.0), |(s, l), i| (s + excess(i), l + mean(expected, i).powi(2)));
     square / level
+}
+
+/// What was kept of the last iteration's light points leaves the mean alone; counting all places that were asked instead does not.
+#[test]
+fn reuse_is_biased_only_where_asked_to_be() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin::load("emitter_hall:300").unwrap();
+    let light_sampling = Some(LightSampling::Restir);
+    let base = Settings { width: 24, height: 24, light_sampling, ..settings(0) };
+    let expected: Vec<_> = (0..8).map(|seed| reference(&scene, &base, 512, 1000 + seed)).collect();
+    for light_pool in [None, Some(1)] {
+        let films = pictures(gpu, &scene, &Settings { light_pool, ..base.clone() });
+        agree(&format!("pool {light_pool:?}"), &compare(&films, &expected, Look::Blocks));
+    }
+    let ris = Settings { light_sampling: Some(LightSampling::Ris), ..base.clone() };
+    agree("ris", &compare(&pictures(gpu, &scene, &ris), &expected, Look::Blocks));
+    let biased = Settings { restir_bias: RestirBias::Biased, ..base };
+    differ("biased", &compare(&pictures(gpu, &scene, &biased), &expected, Look::Blocks));
 }
 
 /// The roughness clamp (eq. (9)) widens the lobes of the metals while samples are few: the picture's error on them, beyond what

@@ -66,6 +66,9 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         // What is resampled comes down the tree, and only where paths start at the camera alone.
         && (!has("RESERVOIRS") || (has("LIGHT_TREE") && !has("LIGHT_PATHS")))
         && (pass != "reservoirs" || has("LIGHT_TREE"))
+        // Frames that are filtered keep no light points.
+        && !(has("REUSE") && has("LAYERED"))
+        && (pass != "light_reuse" || has("REUSE"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
         // Entries are counted where somebody reads the count.
         && has("WALKED") == (pass == "list_lengths")

@@ -17,7 +17,7 @@ use lightsheaf::scene::{
     AlphaMask, Bsdf, Displacement, EdgeFactor, Environment, EnvironmentMap, Filter, Geometry, Height, Image, Light,
     Mapping, Material, Pattern, Rows, Scene, SceneStats, Tessellation, Texture, TextureRef, Wave, Wrap, builtin,
 };
-use lightsheaf::settings::{Method, Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, Method, Settings, Strategies, Visibility};
 
 /// The ledger is the device's, and time is the machine's: one test after the other.
 fn alone() -> MutexGuard<'static, ()> {
@@ -406,6 +406,27 @@ fn tiles_settle_only_where_an_error_is_asked_for() {
     assert!(brought.iter().all(|name| !live.contains(*name)), "{live:?}");
 }
 
+/// Light points of two iterations and what pixels kept of them are there only for reuse.
+#[test]
+fn what_was_kept_is_there_only_for_reuse() {
+    let Some(gpu) = gpu() else { return };
+    let _alone = alone();
+    let of = |light_sampling| ask(gpu, &plain(), &Settings { light_sampling, ..settings(Method::Raster) }, 3);
+    let names = |asked: &Asked| {
+        let all = asked.names();
+        ["pass light_pool", "pass light_reuse", "pass light_reuse_test", "memory choices", "memory pool_sites"]
+            .map(|name| all.contains(name))
+    };
+    let restir = of(Some(LightSampling::Restir));
+    assert_eq!(names(&of(None)), [false; 5]);
+    assert_eq!(names(&of(Some(LightSampling::Ris))), [true, false, false, true, false]);
+    assert_eq!(names(&restir), [true; 5]);
+    // Three iterations, each of which fills the views of its own pool once and asks those of two.
+    let dispatches = |pass| restir.counts.passes[pass].dispatches;
+    assert_eq!(dispatches("light_reuse") + dispatches("light_reuse_test"), 3 * u64::from(restir.runs("light_reuse")));
+    assert_eq!(dispatches("view_lists"), 3 * u64::from(restir.runs("view_lists")));
+}
+
 /// The plan says what will be allocated beside the scene, and that is what was: within 5 %.
 #[test]
 fn memory_is_what_the_plan_says() {
@@ -422,6 +443,7 @@ fn memory_is_what_the_plan_says() {
             Settings { width: 1024, height: 512, list_room: 0.5, ..base.clone() },
             Settings { interleave: 4, history: 16, upsample: 2, ..base.clone() },
             Settings { method: Method::Twin, ..base.clone() },
+            Settings { light_sampling: Some(LightSampling::Restir), light_pool: Some(4), ..base.clone() },
             Settings { method: Method::Path, ..base.clone() },
             Settings { method: Method::RayQuery, bounces: 4, ..base.clone() },
         ] {
@@ -446,7 +468,7 @@ fn memory_is_what_the_plan_says() {
             checked += 1;
         }
     }
-    assert_eq!(checked, 48);
+    assert_eq!(checked, 54);
 }
 
 /// The facts of a scene that has everything.

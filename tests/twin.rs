@@ -11,7 +11,7 @@ use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::compare;
 use lightsheaf::scene::{Bsdf, Camera, Lens, Light, Scene, builtin};
-use lightsheaf::settings::{Method, OnlyStrategy, Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings, Strategies, Visibility};
 
 fn settings(method: Method, samples: u32) -> Settings {
     Settings { method, width: 48, height: 48, samples, ..Settings::default() }
@@ -40,6 +40,26 @@ fn raster_is_its_twin() {
         seen += 1;
     }
     assert!(seen >= 8);
+}
+
+/// Light points of two iterations, each asked about places of two.
+#[test]
+fn reuse_has_its_twin() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    for name in ["point_hall:40", "emitter_hall:300", "cornell_env"] {
+        let scene = builtin::load(name).unwrap();
+        let of = |restir_bias| {
+            let light_sampling = Some(LightSampling::Restir);
+            let settings = Settings { light_sampling, restir_bias, light_pool: Some(6), ..settings(Method::Raster, 6) };
+            let [ours, twin] = both(gpu, &scene, &settings);
+            let apart = compare(&ours, &twin).unwrap();
+            println!("{name}, {restir_bias}: rel_mse {:.2e}, mean_bias {:+.2e}", apart.rel_mse, apart.mean_bias);
+            assert!(apart.rel_mse <= 1e-4 && apart.mean_bias.abs() <= 1e-3, "{name}, {restir_bias}: {apart:?}");
+            ours
+        };
+        let apart = compare(&of(RestirBias::Biased), &of(RestirBias::Unbiased)).unwrap();
+        assert!(apart.rel_mse > 1e-4, "{name}: {apart:?}");
+    }
 }
 
 /// The comparison finds what is wrong: depth maps and centres instead of exact lists, another seed, other strategies.

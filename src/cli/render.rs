@@ -271,7 +271,7 @@ impl Job<'_> {
         let stats = Stats {
             demands: demands
                 .map(|(i, (&[items, nodes], texels))| Demand {
-                    view: view_name(i, plan.light_vertices as usize),
+                    view: view_name(i, plan.light_vertices as usize, plan.pool_view()),
                     resolution: texels.resolution,
                     items,
                     nodes,
@@ -527,10 +527,11 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Views come around the light, around the VPLs, then the bundles.
-fn view_name(index: usize, light_vertices: usize) -> String {
+/// Views come around the light, around the VPLs, then the bundles, then around a pool's light points.
+fn view_name(index: usize, light_vertices: usize, pool: Option<usize>) -> String {
     match index {
         0 if light_vertices > 0 => "light".to_owned(),
+        i if pool.is_some_and(|first| i >= first) => "light pool".to_owned(),
         i if i < light_vertices => format!("vpl {i}"),
         i => format!("bundle {}", i - light_vertices + 1),
     }
@@ -604,8 +605,8 @@ mod tests {
 
     #[test]
     fn views_are_named_in_the_plan_s_order() {
-        let names: Vec<_> = (0..5).map(|i| view_name(i, 3)).collect();
-        assert_eq!(names, ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2"]);
-        assert_eq!(view_name(0, 0), "bundle 1");
+        let names: Vec<_> = (0..7).map(|i| view_name(i, 3, Some(5))).collect();
+        assert_eq!(names, ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2", "light pool", "light pool"]);
+        assert_eq!(view_name(0, 0, None), "bundle 1");
     }
 }

@@ -1,7 +1,7 @@
 //! light_pool: direct light, (1, 2), from a pool of light points; every pixel asks the map around one of them.
 //!
-//! Reads the eye vertices z1, the light points and, one after the other, their maps. Adds to the iteration's image. Skipped where
-//! one light point is enough.
+//! Reads the eye vertices z1, the light points and, one after the other, their maps. Adds to the iteration's image, or, where the last
+//! iteration's are used again (pass light_reuse), writes what each pixel keeps. Skipped where one light point is enough.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
@@ -12,7 +12,8 @@ use crate::view::ViewBuffers;
 pub struct LightPool {
     choose: Compute,
     test: Compute,
-    choices: wgpu::Buffer,
+    /// What each pixel of a band has chosen.
+    pub choices: wgpu::Buffer,
     /// The numbers 0, 1, 2, ..., one in each.
     indices: Vec<wgpu::Buffer>,
 }
@@ -34,7 +35,7 @@ impl LightPool {
         }
     }
 
-    /// Records every pixel's choice.
+    /// Records every pixel's choice; `sites`: where it is kept.
     pub fn choose(
         &self,
         gpu: &Gpu,
@@ -43,8 +44,10 @@ impl LightPool {
         band: &Band,
         strategy: &wgpu::Buffer,
         light_points: &wgpu::Buffer,
+        sites: Option<&wgpu::Buffer>,
     ) {
         let mut bindings = scene.with(&band.bindings());
+        bindings.extend(sites.map(|sites| ("pool_sites", sites.as_entire_binding())));
         bindings.extend([
             ("choices", self.choices.as_entire_binding()),
             ("strategy", strategy.as_entire_binding()),
@@ -60,14 +63,16 @@ impl LightPool {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         band: &Band,
-        n: u32,
+        n: usize,
         view: &ViewBuffers,
+        sites: Option<&wgpu::Buffer>,
     ) {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend(band.bindings());
+        bindings.extend(sites.map(|sites| ("pool_sites", sites.as_entire_binding())));
         bindings.extend([
             ("choices", self.choices.as_entire_binding()),
-            ("pool_index", self.indices[n as usize].as_entire_binding()),
+            ("pool_index", self.indices[n].as_entire_binding()),
         ]);
         self.test.record(gpu, encoder, band.size, &bindings);
     }

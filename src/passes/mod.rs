@@ -17,6 +17,7 @@ pub mod light_gifts;
 pub mod light_paths;
 pub mod light_point;
 pub mod light_pool;
+pub mod light_reuse;
 pub mod light_subpath;
 pub mod list_lengths;
 pub mod outliers;

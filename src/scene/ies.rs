@@ -325,7 +325,7 @@ mod tests {
 
     #[test]
     fn types_a_and_b_are_as_type_c() {
-        type Candelas<'a> = &'a dyn Fn(usize, usize) -> f32;
+        type Case<'a> = (&'a dyn Fn(usize, usize) -> f32, String, fn(Vec3) -> bool);
         // Nothing about it is symmetric.
         let value = |d: Vec3| 3.0 + d.x + 0.7 * d.y - 0.5 * d.z + 0.6 * d.x * d.y;
         let (below, ahead) = (|d: Vec3| d.z < -0.01, |d: Vec3| d.x > 0.01);
@@ -335,7 +335,7 @@ mod tests {
         let c = candelas(&measure(1, [0, 180], [0, 360], value));
         let c_mirrored = candelas(&measure(1, [0, 180], [0, 360], mirrored));
         let c_risen = candelas(&measure(1, [0, 180], [0, 360], risen));
-        let cases: [(Candelas, String, fn(Vec3) -> bool); 4] = [
+        let cases: [Case; 4] = [
             (&c, measure(2, both, both, value), below),
             (&c, measure(3, both, both, value), ahead),
             // Quarters, each the one of positive angles.
