@@ -103,8 +103,9 @@ pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareErro
 /// Estimated `rel_mse` of a picture in each square of `side` pixels, row by row, from the picture of the first half of its samples;
 /// squares at the right and at the bottom may be smaller. NaN where values of the picture are not finite.
 ///
-/// Between the picture and its first half lies as much as between it and the truth, in the mean. The truth's brightness is taken from
-/// the darker half: light that only one of them has found would hide in its own.
+/// Between the picture and its first half lies as much as between it and the truth, in the mean. The truth is taken to be as bright as the
+/// picture, but for light that only one half has found, which would hide in its own brightness: at most half as bright again as the
+/// darker one.
 ///
 /// # Errors
 /// Where no comparison is possible.
@@ -118,7 +119,8 @@ pub fn rel_mse_of_tiles(half: &Film, whole: &Film, side: u32) -> Result<Vec<f64>
         for (&half, &whole) in half.iter().zip(whole) {
             let (half, whole) = (f64::from(half), f64::from(whole));
             let darker = half.min(2.0 * whole - half).max(0.0);
-            *sum += (half - whole) * (half - whole) / (darker * darker + DARK);
+            let bright = whole.min(1.5 * darker);
+            *sum += (half - whole) * (half - whole) / (bright * bright + DARK);
             *count += 1.0;
         }
     }

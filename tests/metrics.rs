@@ -1,7 +1,10 @@
 //! Image metrics against values derived by hand, and canaries that they must reject.
 
+mod common;
+
 use std::path::Path;
 
+use common::random::Random;
 use lightsheaf::film::Film;
 use lightsheaf::metrics::{CompareError, Comparison, compare, flip_exposure, heatmap, rel_mse_of_tiles};
 
@@ -42,24 +45,25 @@ fn percentile_lies_between_ranks() {
 /// Two halves of a noisy picture tell its error, and light that one of them has found by chance does not make it look good.
 #[test]
 fn halves_tell_the_error_of_their_mean() {
-    let noise = |i: usize, seed: f32| 0.1 * ((i as f32 * 12.9898 + seed).sin() * 43758.547).fract();
     let truth = film(64, 64, |_| [0.5; 3]);
-    let half = film(64, 64, |i| [0.5 + noise(i, 1.0); 3]);
+    let mut random = Random(1);
+    let mut pixels = || (0..64 * 64).map(|_| [random.between(0.4, 0.6); 3]).collect::<Vec<_>>();
+    let (half, second) = (Film { pixels: pixels(), ..truth.clone() }, Film { pixels: pixels(), ..truth.clone() });
     let mean = |half: &Film, second: &Film| {
         film(64, 64, |i| [0, 1, 2].map(|c| 0.5 * (half.pixels[i][c] + second.pixels[i][c])))
     };
-    let whole = mean(&half, &film(64, 64, |i| [0.5 + noise(i, 2.0); 3]));
+    let whole = mean(&half, &second);
     let of_all = |tiles: Vec<f64>| tiles.iter().sum::<f64>() / tiles.len() as f64;
     let told = of_all(rel_mse_of_tiles(&half, &whole, 16).unwrap());
     let real = compare(&whole, &truth).unwrap().rel_mse;
-    assert!((told / real - 1.0).abs() < 0.25, "{told} and {real}");
+    assert!((told / real - 1.0).abs() < 0.1, "{told} and {real}");
 
     let mut second = film(64, 64, |_| [0.5; 3]);
     second.pixels[100] = [100.0; 3];
     let whole = mean(&half, &second);
     let told = rel_mse_of_tiles(&half, &whole, 16).unwrap();
     let real = compare(&whole, &truth).unwrap().rel_mse;
-    assert!(of_all(told.clone()) > 0.8 * real && real > 1.0, "{told:?} and {real}");
+    assert!(of_all(told.clone()) > 0.3 * real && real > 1.0, "{told:?} and {real}");
     // In the tile that it lies in.
     assert!(told.iter().enumerate().all(|(tile, &error)| (error > 1.0) == (tile == 2)), "{told:?}");
 }
