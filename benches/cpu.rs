@@ -136,8 +136,7 @@ fn plans(criterion: &mut Criterion) {
         software: true,
         ray_queries: true,
         timestamps: false,
-        max_binding_bytes: 128 << 20,
-        max_buffer_bytes: 1 << 30,
+        max_storage_bytes: 128 << 20,
         max_texture_side: 8192,
         max_texture_layers: 256,
     };

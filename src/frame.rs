@@ -124,7 +124,7 @@ impl Frame {
             Extend::new(gpu, &flags, e.last)
         };
         let extensions = plan.extensions.iter().map(|e| (strategy(e.samples, 0, e.j, false), extend(e)));
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let limit = gpu.capabilities.max_storage_bytes;
         let views: Vec<_> = plan
             .views()
             .iter()

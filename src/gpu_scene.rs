@@ -147,7 +147,7 @@ impl GpuScene {
     /// # Errors
     /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
     pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> Result<Self, GpuError> {
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let limit = gpu.capabilities.max_storage_bytes;
         let room = Room::new(scene, geometry);
         let largest = (room.vertices * size_of::<layouts::Attributes>()).max(room.triangles * 48) as u64;
         if largest > limit {

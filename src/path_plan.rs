@@ -68,7 +68,7 @@ impl PathPlan {
 
         let bounces = if settings.bounces == UNLIMITED { ENDLESS } else { settings.bounces };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let limit = capabilities.max_binding_bytes.min(capabilities.max_buffer_bytes);
+        let limit = capabilities.max_storage_bytes;
         // The last vertex is joined to the camera alone, and not stored.
         let per_pixel = if both_sides { u64::from(bounces.max(1)) * size_of::<PathVertex>() as u64 } else { 0 };
         let group = limit.checked_div(per_pixel).unwrap_or(u64::MAX).min(pixels).min(MOST_OF_A_GROUP);
@@ -143,8 +143,7 @@ mod tests {
             software: true,
             ray_queries: true,
             timestamps: false,
-            max_binding_bytes: 128 << 20,
-            max_buffer_bytes: 1 << 30,
+            max_storage_bytes: 128 << 20,
             max_texture_side: 8192,
             max_texture_layers: 256,
         };

@@ -61,7 +61,7 @@ impl Prepared {
     fn new(gpu: &Gpu, scene: &Scene, geometry: Geometry, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let camera = camera_of(scene, settings)?;
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let limit = gpu.capabilities.max_storage_bytes;
         check_size(gpu, settings, limit / 64)?;
         let stats = SceneStats::new(scene, &geometry);
         let both_sides = settings.method == Method::RayQuery;
@@ -318,7 +318,7 @@ fn lens_of(camera: &Camera) -> [f32; 2] {
 
 /// Whether the device can bind so many bytes of what only many lights need.
 fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError> {
-    let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+    let limit = gpu.capabilities.max_storage_bytes;
     if bytes as u64 <= limit {
         return Ok(());
     }

@@ -468,7 +468,7 @@ impl FramePlan {
             .iter()
             .enumerate()
             .map(|(n, &texels)| {
-                let nodes = self.node_room(triangles, texels, capabilities.max_binding_bytes);
+                let nodes = self.node_room(triangles, texels, capabilities.max_storage_bytes);
                 let answers = match self.answers(n) {
                     Answers::Lists { node_words } => 4 * (texels.lists() + nodes * node_words),
                     Answers::DepthMap => 8 * texels.count(),
@@ -477,7 +477,7 @@ impl FramePlan {
                 triangles * RECORD_BYTES + answers
             })
             .sum();
-        image + views + 16 * self.item_room(triangles, capabilities.max_binding_bytes)
+        image + views + 16 * self.item_room(triangles, capabilities.max_storage_bytes)
     }
 
     /// Bytes of layers, guides, histories and pictures.

@@ -103,7 +103,7 @@ impl Prepared {
         let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
-        let most = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let most = gpu.capabilities.max_storage_bytes;
         let kept = size_of::<PoolSite>() as u64;
         check_size(gpu, settings, if plan.reuses() { most / kept } else { u64::MAX })?;
         let side = gpu.capabilities.max_texture_side;
@@ -291,7 +291,7 @@ impl<'gpu> Renderer<'gpu> {
             if skipped == 0 {
                 return Ok(());
             }
-            let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
+            let limit = self.gpu.capabilities.max_storage_bytes;
             for (n, (&[_, nodes], texels)) in needed.iter().zip(&self.plan.views()).enumerate() {
                 let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
                 let bytes = 4 * (texels.lists() + node_words * (u64::from(nodes) + u64::from(nodes) / 2));

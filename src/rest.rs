@@ -108,7 +108,7 @@ impl Rest {
             instances.push(PosedInstance { targets, vertices, ..Default::default() });
         }
         let Moving { matrices, weights, .. } = Moving::new(scene);
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let limit = gpu.capabilities.max_storage_bytes;
         let largest = size_of_val(rest.as_slice()).max(size_of_val(offsets.as_slice())).max(8 * joints.len()) as u64;
         if largest > limit {
             return Err(GpuError::Device(format!(

@@ -11,8 +11,7 @@ fn capabilities() -> Capabilities {
         software: true,
         ray_queries: false,
         timestamps: false,
-        max_binding_bytes: 128 << 20,
-        max_buffer_bytes: 1 << 30,
+        max_storage_bytes: 128 << 20,
         max_texture_side: 8192,
         max_texture_layers: 256,
     }

@@ -147,7 +147,7 @@ impl<'a> World<'a> {
 
     /// The same, of any texels.
     fn fill_texels(&self, look: &layouts::View, texels: Texels) -> (ViewBuffers, u32) {
-        let limit = self.gpu.capabilities.max_binding_bytes.min(self.gpu.capabilities.max_buffer_bytes);
+        let limit = self.gpu.capabilities.max_storage_bytes;
         let triangles = u64::from(self.scene.triangles);
         let mut scratch = ViewScratch::new(self.gpu, self.plan.item_room(triangles, limit));
         let mut room = self.plan.node_room(triangles, texels, limit);

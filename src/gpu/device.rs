@@ -61,10 +61,8 @@ pub struct Capabilities {
     pub timestamps: bool,
     /// Whether the device was opened with ray queries.
     pub ray_queries: bool,
-    /// Largest storage binding in bytes.
-    pub max_binding_bytes: u64,
-    /// Largest buffer in bytes.
-    pub max_buffer_bytes: u64,
+    /// Largest storage buffer that can be bound whole, in bytes.
+    pub max_storage_bytes: u64,
     /// Largest side of a 2-D texture in texels.
     pub max_texture_side: u32,
     /// Most layers of a texture array.
@@ -175,8 +173,7 @@ impl Gpu {
                 software: info.device_type == wgpu::DeviceType::Cpu,
                 timestamps,
                 ray_queries,
-                max_binding_bytes: limits.max_storage_buffer_binding_size,
-                max_buffer_bytes: limits.max_buffer_size,
+                max_storage_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
                 max_texture_side: limits.max_texture_dimension_2d,
                 max_texture_layers: limits.max_texture_array_layers,
             },

@@ -185,7 +185,7 @@ impl Tessellate {
     pub fn new(gpu: &Gpu, scene: &Scene, rest: &Rest, refined: &Refined) -> Result<Self, GpuError> {
         let constants = Constants::new(scene, refined);
         let (origins, members) = control_origins(scene, refined, rest);
-        let limit = gpu.capabilities.max_binding_bytes.min(gpu.capabilities.max_buffer_bytes);
+        let limit = gpu.capabilities.max_storage_bytes;
         let heights: u64 = scene.height_maps.iter().map(|map| 4 * map.texels.len() as u64).sum();
         if heights > limit {
             return Err(GpuError::Device(format!(
