@@ -140,8 +140,7 @@ impl Frame {
         let choices = plan.grid.largest() * layouts::Choice::bytes(plan.is_live() && plan.glossy(), plan.reuses());
         let reuse: &[&str] = if plan.reuses() { &["REUSE"] } else { &[] };
         // One for each time that a view is filled.
-        let own = plan.pool_view().map_or(views.len(), |first| first + plan.light_pool as usize - 1);
-        let fills = own.max(1);
+        let fills = plan.pool_view().map_or(views.len(), |first| first + plan.light_pool as usize - 1).max(1);
         let demands = gpu.storage("demands", (fills * size_of::<layouts::Demand>()) as u64);
         let met: &[_] = if plan.camera_meets { &plan.light_flags } else { &[] };
         let rasterized = !plan.rays && !views.is_empty();
@@ -154,7 +153,7 @@ impl Frame {
                 .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
             light_pool: plan.has_pool().then(|| {
                 let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, reuse].concat()));
-                LightPool::new(gpu, &choosing, &testing, plan.light_pool, choices)
+                LightPool::new(gpu, &choosing, &testing, plan.pool_views().len() as u32, choices)
             }),
             light_reuse: plan.reuse.filter(|_| plan.reuses()).map(|bias| {
                 let (points, pixels) = (plan.light_pool, u64::from(size[0]) * u64::from(size[1]));
@@ -475,9 +474,9 @@ impl Frame {
             pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
         }
         let Some(reuse) = reuse else { return };
-        reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, &pool.choices);
+        reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, pool);
         for (n, &view) in views.iter().enumerate() {
-            reuse.test(gpu, encoder, scene, band, n, &self.views[view], &pool.choices);
+            reuse.test(gpu, encoder, scene, band, n, &self.views[view], pool);
         }
     }
 

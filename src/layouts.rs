@@ -454,8 +454,6 @@ layouts! {
     struct Reuse in "light_reuse" {
         has_past: u32,
         biased: u32,
-        pad0: u32,
-        pad1: u32,
     }
 
     /// What filters need to know of what a pixel shows.

@@ -360,9 +360,7 @@ impl Job<'_> {
         Ok((film, stats))
     }
 
-    /// Doubles the samples until the picture is as near to the truth as asked for, or the budget is used. Between a picture and that of its
-    /// first half lies as much as between it and the truth, in the mean: their difference is half of that of two independent halves.
-    /// Tiles that settle take no more samples, but where strategies are to add up to the picture.
+    /// Doubles the samples until the picture is as near to the truth as asked for, or the budget is used. Tiles that settle take no more samples, but where strategies are to add up to the picture.
     fn converge(
         &self,
         renderer: &mut dyn Progressive,
@@ -374,14 +372,12 @@ impl Job<'_> {
         let clock = self.settings.budget.map(Clock::new);
         let mut tiles = Tiles::new(width, height);
         let (mut samples, mut taken, mut half, mut error) = (0, 0, None, None);
-        let share =
-            |samples: u64, taken: u64| taken as f64 / (samples * u64::from(width) * u64::from(height)).max(1) as f64;
         let mut end = FIRST_HALF;
-        while end <= (*SAMPLES.end()).into() {
+        'doubling: while end <= (*SAMPLES.end()).into() {
             while samples < end {
                 let most = ROUND.min(end - samples);
                 let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most));
-                let Some(round) = round else { return Ok(Convergence { error, taken: share(samples, taken) }) };
+                let Some(round) = round else { break 'doubling };
                 renderer.render(round, &mut |_| true)?;
                 samples += round;
                 taken += round * tiles.running_pixels();
@@ -402,7 +398,8 @@ impl Job<'_> {
             }
             (half, end) = (Some(whole), 2 * end);
         }
-        Ok(Convergence { error, taken: share(samples, taken) })
+        let all = samples * u64::from(width) * u64::from(height);
+        Ok(Convergence { error, taken: taken as f64 / all.max(1) as f64 })
     }
 
     fn reference(&self) -> Result<()> {

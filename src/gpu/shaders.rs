@@ -39,6 +39,7 @@ modules!(
     "lib/mis",
     "lib/mis_subpaths",
     "lib/new_vertices",
+    "lib/neighbours",
     "lib/path_vertex",
     "lib/paths",
     "lib/pattern",

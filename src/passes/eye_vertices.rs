@@ -1,6 +1,7 @@
 //! eye_vertices: z1 of every pixel, exactly, and the light that the camera sees: strategies (0, 2).
 //!
-//! Reads the G-buffer and, where tiles settle, which have. Writes the eye vertices, starts the iteration's image, and tells filters what each pixel shows.
+//! Reads the G-buffer and, where tiles settle, which have. Writes the eye vertices, starts the iteration's image, and tells filters
+//! what each pixel shows.
 
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;

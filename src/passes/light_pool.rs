@@ -15,11 +15,12 @@ pub struct LightPool {
     /// What each pixel of a band has chosen.
     pub choices: wgpu::Buffer,
     /// The numbers 0, 1, 2, ..., one in each.
-    indices: Vec<wgpu::Buffer>,
+    pub indices: Vec<wgpu::Buffer>,
 }
 
 impl LightPool {
-    /// Builds the pipelines. `choosing`: flags of what depends on the light; `visibility`: of the tests; `choice_bytes`: of all that are kept.
+    /// Builds the pipelines. `choosing`: flags of what depends on the light; `visibility`: of the tests; `count`: of light
+    /// points that have a map; `choice_bytes`: of all that are kept.
     #[must_use]
     pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], count: u32, choice_bytes: u64) -> Self {
         let index = |n: u32| {

@@ -6,6 +6,7 @@
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
 use crate::layouts;
+use crate::passes::light_pool::LightPool;
 use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
@@ -19,8 +20,6 @@ pub struct LightReuse {
     pub sites: wgpu::Buffer,
     past_sites: wgpu::Buffer,
     past_points: wgpu::Buffer,
-    /// The numbers 0, 1, 2, ..., one in each: light points of the iteration, then of the last.
-    indices: Vec<wgpu::Buffer>,
 }
 
 impl LightReuse {
@@ -28,11 +27,6 @@ impl LightReuse {
     /// the image.
     #[must_use]
     pub fn new(gpu: &Gpu, choosing: &[&str], visibility: &[&str], points: u32, pixels: u64, biased: bool) -> Self {
-        let index = |n: u32| {
-            let uniform = gpu.uniform::<u32>("pool_index");
-            gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&n));
-            uniform
-        };
         let sites = || gpu.storage("pool_sites", pixels * size_of::<layouts::PoolSite>() as u64);
         let test = [visibility, &["REUSE"]].concat();
         Self {
@@ -43,7 +37,6 @@ impl LightReuse {
             sites: sites(),
             past_sites: sites(),
             past_points: gpu.storage("light_points", u64::from(points) * size_of::<layouts::LightPoint>() as u64),
-            indices: (0..2 * points).map(index).collect(),
         }
     }
 
@@ -52,11 +45,11 @@ impl LightReuse {
         std::mem::swap(&mut self.sites, &mut self.past_sites);
         std::mem::swap(light_points, &mut self.past_points);
         let biased = u32::from(self.biased);
-        let reuse = layouts::Reuse { has_past: u32::from(has_past), biased, ..Default::default() };
+        let reuse = layouts::Reuse { has_past: u32::from(has_past), biased };
         gpu.queue.write_buffer(&self.reuse, 0, bytemuck::bytes_of(&reuse));
     }
 
-    /// Records every pixel's choice, after that among the iteration's own.
+    /// Records every pixel's choice, after that of the `pool`, which it takes the place of.
     pub fn choose(
         &self,
         gpu: &Gpu,
@@ -65,11 +58,11 @@ impl LightReuse {
         band: &Band,
         strategy: &wgpu::Buffer,
         light_points: &wgpu::Buffer,
-        choices: &wgpu::Buffer,
+        pool: &LightPool,
     ) {
         let mut bindings = scene.with(&band.bindings());
         bindings.extend([
-            ("choices", choices.as_entire_binding()),
+            ("choices", pool.choices.as_entire_binding()),
             ("strategy", strategy.as_entire_binding()),
             ("light_points", light_points.as_entire_binding()),
             ("past_light_points", self.past_points.as_entire_binding()),
@@ -80,7 +73,7 @@ impl LightReuse {
         self.choose.record(gpu, encoder, band.size, &bindings);
     }
 
-    /// Records the test of those that chose the n-th light point of the two pools, by the map around it.
+    /// Records the test of those that chose the n-th light point, this iteration's before the last one's, by the map around it.
     pub fn test(
         &self,
         gpu: &Gpu,
@@ -89,14 +82,14 @@ impl LightReuse {
         band: &Band,
         n: usize,
         view: &ViewBuffers,
-        choices: &wgpu::Buffer,
+        pool: &LightPool,
     ) {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend(band.bindings());
         bindings.extend([
-            ("choices", choices.as_entire_binding()),
+            ("choices", pool.choices.as_entire_binding()),
             ("past_sites", self.past_sites.as_entire_binding()),
-            ("pool_index", self.indices[n].as_entire_binding()),
+            ("pool_index", pool.indices[n].as_entire_binding()),
         ]);
         self.test.record(gpu, encoder, band.size, &bindings);
     }
