@@ -474,9 +474,9 @@ impl Frame {
             pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
         }
         let Some(reuse) = reuse else { return };
-        reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, pool);
-        for (n, &view) in views.iter().enumerate() {
-            reuse.test(gpu, encoder, scene, band, n, &self.views[view], pool);
+        reuse.choose(gpu, encoder, scene, band, strategy, &light_point.points, &pool.choices);
+        for (index, &view) in pool.indices.iter().zip(&views) {
+            reuse.test(gpu, encoder, scene, band, index, &self.views[view], &pool.choices);
         }
     }
 

@@ -6,7 +6,6 @@
 use crate::gpu::{Compute, Gpu};
 use crate::gpu_scene::GpuScene;
 use crate::layouts;
-use crate::passes::light_pool::LightPool;
 use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
@@ -49,7 +48,7 @@ impl LightReuse {
         gpu.queue.write_buffer(&self.reuse, 0, bytemuck::bytes_of(&reuse));
     }
 
-    /// Records every pixel's choice, after that of the `pool`, which it takes the place of.
+    /// Records every pixel's choice, after that of the pool, which it takes the place of in `choices`.
     pub fn choose(
         &self,
         gpu: &Gpu,
@@ -58,11 +57,11 @@ impl LightReuse {
         band: &Band,
         strategy: &wgpu::Buffer,
         light_points: &wgpu::Buffer,
-        pool: &LightPool,
+        choices: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&band.bindings());
         bindings.extend([
-            ("choices", pool.choices.as_entire_binding()),
+            ("choices", choices.as_entire_binding()),
             ("strategy", strategy.as_entire_binding()),
             ("light_points", light_points.as_entire_binding()),
             ("past_light_points", self.past_points.as_entire_binding()),
@@ -73,23 +72,23 @@ impl LightReuse {
         self.choose.record(gpu, encoder, band.size, &bindings);
     }
 
-    /// Records the test of those that chose the n-th light point, this iteration's before the last one's, by the map around it.
+    /// Records the test of those that chose the light point of number `index`, this iteration's before the last one's, by the map around it.
     pub fn test(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         band: &Band,
-        n: usize,
+        index: &wgpu::Buffer,
         view: &ViewBuffers,
-        pool: &LightPool,
+        choices: &wgpu::Buffer,
     ) {
         let mut bindings = scene.with(&view.bindings());
         bindings.extend(band.bindings());
         bindings.extend([
-            ("choices", pool.choices.as_entire_binding()),
+            ("choices", choices.as_entire_binding()),
             ("past_sites", self.past_sites.as_entire_binding()),
-            ("pool_index", pool.indices[n].as_entire_binding()),
+            ("pool_index", index.as_entire_binding()),
         ]);
         self.test.record(gpu, encoder, band.size, &bindings);
     }
