@@ -383,9 +383,9 @@ layouts! {
         value: [f32; 3],
         p: f32,
         index: u32,
-        two_sided: u32,
-        pad0: u32,
-        pad1: u32,
+        traits: u32,
+        inner_versine: f32,
+        outer_versine: f32,
     }
 
     /// A ray from a light, drawn or asked about.

@@ -228,13 +228,15 @@ impl Gpu {
         self.device.create_tlas(descriptor)
     }
 
-    /// A buffer that shaders read and write, zeroed; at least 16 bytes.
+    /// A buffer that shaders read and write, zeroed; at least 16 bytes. What all threads read alike
+    /// they bind as a uniform: software Vulkan gathers from storage thread by thread.
     #[must_use]
     pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
         self.buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: bytes.next_multiple_of(16).max(16),
             usage: wgpu::BufferUsages::STORAGE
+                | wgpu::BufferUsages::UNIFORM
                 | wgpu::BufferUsages::INDIRECT
                 | wgpu::BufferUsages::COPY_SRC
                 | wgpu::BufferUsages::COPY_DST,
