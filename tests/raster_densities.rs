@@ -9,7 +9,7 @@ use common::statistics::{chi_square_tail, p_value};
 use glam::{Mat3, Vec3};
 use lightsheaf::bundle_directions::BundleDirections;
 use lightsheaf::gpu::{Compute, Gpu, read_back};
-use lightsheaf::layouts::{LightDraw, LightPoint, LightRecord, Lighting, PathWeights};
+use lightsheaf::layouts::{LightDraw, LightPoint, Lighting, PathWeights};
 use lightsheaf::passes::rsm::Rsm;
 use lightsheaf::sampler::{Decision, Sampler, uniform_sphere};
 use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
@@ -18,12 +18,13 @@ use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
 const MANY: u32 = 1 << 20;
 /// Significance, Sidak-corrected for the number of tests.
 const SIGNIFICANCE: f64 = 0.01;
-// LightRecord.kind of lib/light.wesl.
+// LightPoint.kind and .traits of lib/light.wesl.
 const POINT: u32 = 0;
 const SPOT: u32 = 1;
 const DIRECTIONAL: u32 = 2;
 const AREA: u32 = 4;
 const SKY: u32 = 5;
+const TWO_SIDED_LIGHT: u32 = 1;
 /// Bins along two axes.
 const BINS: [usize; 2] = [32, 32];
 /// Rays along a side of a bin whose density is taken.
@@ -64,18 +65,15 @@ fn weights_sum_to_one() {
 }
 
 /// Asks for draws or densities.
-fn ask(gpu: &Gpu, light: &LightRecord, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
+fn ask(gpu: &Gpu, y0: &LightPoint, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
     let pass = Compute::new(gpu, "light_draws", "light_draws", &["RSM", "PUNCTUAL"]);
-    let y0 = LightPoint { kind: light.kind, direction: light.direction, p: 1.0, ..Default::default() };
-    let y0 = gpu.upload("y0", &[LightPoint { two_sided: light.trail, ..y0 }]);
+    let y0 = gpu.upload("y0", std::slice::from_ref(y0));
     let lighting = gpu.uniform::<Lighting>("lighting");
     gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
-    let lights = gpu.upload("lights", std::slice::from_ref(light));
     let (table, draws) = (gpu.upload("rsm", table), gpu.upload("light_draws", questions));
     let bindings = [
         ("y0", y0.as_entire_binding()),
         ("lighting", lighting.as_entire_binding()),
-        ("lights", lights.as_entire_binding()),
         ("rsm", table.as_entire_binding()),
         ("light_draws", draws.as_entire_binding()),
     ];
@@ -116,16 +114,12 @@ fn light_subpaths_start_as_their_density_says() {
     let Some(gpu) = gpu() else { return };
     let down = Vec3::NEG_Y;
     let light = |name, kind, direction: Vec3| {
-        let [inner_versine, outer_versine] = [0.2, 0.9].map(versine);
-        (
-            name,
-            LightRecord { kind, direction: direction.to_array(), inner_versine, outer_versine, ..Default::default() },
-        )
+        let outer_versine = if kind == SPOT { versine(0.9) } else { 2.0 };
+        (name, LightPoint { kind, direction: direction.to_array(), p: 1.0, outer_versine, ..Default::default() })
     };
     let tilted = Vec3::new(0.6, 0.0, 0.8);
     let mut two_sided = light("triangle, two sides", AREA, tilted);
-    // A record has no such field; this one is of no use here.
-    two_sided.1.trail = 1;
+    two_sided.1.traits = TWO_SIDED_LIGHT;
     let lights = [
         light("point", POINT, Vec3::Z),
         light("spot", SPOT, tilted),
@@ -163,7 +157,7 @@ fn light_subpaths_start_as_their_density_says() {
             })
             .collect();
         let measure = if disc(light.kind) { 16.0 } else { 4.0 * PI } / questions.len() as f32;
-        let bins = |light: &LightRecord, table: &[f32], factor: fn(f32) -> f32| -> Vec<f64> {
+        let bins = |light: &LightPoint, table: &[f32], factor: fn(f32) -> f32| -> Vec<f64> {
             let answers = ask(gpu, light, table, &questions);
             // Only points within the scene's sphere are asked about.
             let shade = |d: &LightDraw| {
@@ -195,7 +189,7 @@ fn light_subpaths_start_as_their_density_says() {
         assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / 6.0), "{name}: p {p}");
         // A wrong density is noticed: that without the table, an even one, or one that grows outwards.
         let has_table = light.kind <= DIRECTIONAL;
-        let even = LightRecord { kind: if has_table || disc(light.kind) { light.kind } else { POINT }, ..light };
+        let even = LightPoint { kind: if has_table || disc(light.kind) { light.kind } else { POINT }, ..light };
         let flat = bins(&even, &vec![1.0; cells], if light.kind == SKY { |r| 0.75 * r } else { |_| 1.0 });
         assert!(p_value(&counts, &pool(&mut flat.into_iter())) < 1e-6, "{name}: a wrong density was not noticed");
     }

@@ -56,8 +56,7 @@ struct Answer {
 fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], questions: &[Question]) -> Vec<Answer> {
     let geometry = Geometry::new(scene);
     let mut uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, Met::All)).unwrap();
-    // The twins of lights are asked in all scenes.
-    uploaded.stand_in(gpu, &[flags, &["PUNCTUAL"]].concat());
+    uploaded.stand_in(gpu, flags);
     let pass = Compute::new(gpu, "twins", "twins", flags);
     let asked = gpu.upload("twin_questions", questions);
     let answers = gpu.storage("twin_answers", size_of_val(questions) as u64 / 48 * 64);
@@ -535,7 +534,7 @@ fn spots() {
                 (0..2000).map(|_| (direction + random.direction() * random.unit()).normalize()).collect();
             let questions: Vec<_> =
                 directions.iter().map(|d| Question { wo: d.to_array(), kind: LIGHT, ..Question::default() }).collect();
-            let answers = ask(gpu, &lit, &[], &questions);
+            let answers = ask(gpu, &lit, &["PUNCTUAL"], &questions);
             let pairs: Vec<_> = answers
                 .iter()
                 .zip(&directions)
@@ -585,7 +584,7 @@ fn patterns() {
             (0..4000).map(|_| (axis + random.direction() * random.unit() * near).normalize()).collect();
         let questions: Vec<_> =
             directions.iter().map(|d| Question { wo: d.to_array(), kind: LIGHT, ..Question::default() }).collect();
-        let answers = ask(gpu, &lit, &["PATTERNS"], &questions);
+        let answers = ask(gpu, &lit, &["PUNCTUAL", "PATTERNS"], &questions);
         let pairs: Vec<_> = answers
             .iter()
             .zip(&directions)
