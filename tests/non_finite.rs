@@ -122,12 +122,16 @@ fn planted_values_are_found_where_they_come_from() {
         scene
     };
     for value in [f32::NAN, f32::INFINITY] {
-        let expect = |pass: &str, scene: &Scene, settings: &Settings| {
+        // `then`: passes that have to see what comes of it.
+        let expect_then = |pass: &str, then: &[&str], scene: &Scene, settings: &Settings| {
             let seen = counts(if settings.method.traces_rays() { rays } else { gpu }, scene, settings);
-            let first = seen.iter().find(|(_, count)| *count > 0).map(|(pass, _)| *pass);
+            let mut found = seen.iter().filter(|(_, count)| *count > 0).map(|(pass, _)| *pass);
             println!("{pass}, {value}: {seen:?}");
-            assert_eq!(first, Some(pass), "{value}: {seen:?}");
+            assert_eq!(found.next(), Some(pass), "{value}: {seen:?}");
+            let found: Vec<_> = found.collect();
+            assert!(then.iter().all(|pass| found.contains(pass)), "{value}: {seen:?}");
         };
+        let expect = |pass: &str, scene: &Scene, settings: &Settings| expect_then(pass, &[], scene, settings);
         let shines = || emitter(0.5, Vec3::new(1.0, value, 1.0), true);
         let lit = room_with(Some(lamp(value)));
         let seen = overhead(floor(1.0, 0.0), shines());
@@ -137,13 +141,13 @@ fn planted_values_are_found_where_they_come_from() {
         let places = (0..100_u8).map(|i| (Vec3::new(f32::from(i % 10), f32::from(i / 10), 4.5) - 4.5) * 0.2);
         many.lights = places.map(|p| Light::Point { position: p, intensity: Vec3::new(1.0, value, 1.0) }).collect();
         let many_even = Settings { light_sampling: Some(LightSampling::Power), ..direct.clone() };
-        expect("light_subpath", &lit, &raster);
-        expect("connect_light", &lit, &direct);
+        expect_then("light_point", &["light_subpath", "connect_light"], &lit, &raster);
+        expect_then("light_point", &["connect_light"], &lit, &direct);
         expect("light_point", &seen, &raster);
         expect("eye_vertices", &seen, &paper);
         expect("extend", &unseen, &paper);
         expect("light_gifts", &many, &raster);
-        expect("light_pool", &many, &many_even);
+        expect_then("light_point", &["light_pool"], &many, &many_even);
         expect("eye_paths", &lit, &settings(Method::Path));
         expect("light_paths", &lit, &settings(Method::RayQuery));
         // Resampling takes no candidate of infinite weight; the vertices behind it do.
