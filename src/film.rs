@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 
 use exr::prelude::{Encoding, Image, ReadChannels as _, ReadLayers as _, SpecificChannels, Vec2, WritableImage as _};
 
+/// Bytes per pixel of a film on the device: sum and compensation (shaders/lib/film.wesl).
+pub const DEVICE_BYTES: u64 = 24;
+
 /// Most pixels that an image file may claim; more is refused rather than allocated.
 const MAX_PIXELS: u64 = 1 << 28;
 

@@ -4,6 +4,7 @@
 //! lights, direct light comes from a pool of light points beside y0, or from two, with that of the iteration before. Passes take their
 //! inputs as arguments; what the plan skips has no pipeline, no buffer and no call here.
 
+use std::cell::Cell;
 use std::f32::consts::TAU;
 
 use crate::bundle_directions::BundleDirections;
@@ -67,6 +68,8 @@ pub struct Frame {
     scratch: Option<ViewScratch>,
     /// y1 and y2 of the last iteration.
     pub light_vertices: wgpu::Buffer,
+    /// The look that the G-buffer holds.
+    looked: Cell<Option<[[f32; 4]; 4]>>,
     /// What the last iteration's camera saw.
     seen: layouts::Frame,
     demands: wgpu::Buffer,
@@ -131,8 +134,7 @@ impl Frame {
             .enumerate()
             .map(|(n, &texels)| {
                 let room = plan.node_room(u64::from(scene.triangles), texels, limit);
-                let records = if plan.rays { 0 } else { scene.triangles };
-                ViewBuffers::new(gpu, records, texels, room, plan.answers(n))
+                ViewBuffers::new(gpu, plan.outlines(n, u64::from(scene.triangles)), texels, room, plan.answers(n))
             })
             .collect();
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
@@ -171,6 +173,7 @@ impl Frame {
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
             light_in_view: None,
+            looked: Cell::new(None),
             seen: layouts::Frame::default(),
             pixels,
             scratch: rasterized.then(|| ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit))),
@@ -184,9 +187,10 @@ impl Frame {
         frame
     }
 
-    /// Makes what the light sees anew: it, or what it shines on, has moved.
-    pub fn forget_lights(&mut self) {
+    /// Makes what the light and the camera see anew: something has moved.
+    pub fn forget_looks(&mut self) {
         self.light_in_view = None;
+        self.looked.set(None);
     }
 
     /// What each light would give the picture, in any unit, if nothing stood between.
@@ -210,6 +214,7 @@ impl Frame {
         gpu.queue.write_buffer(&strategy, 0, bytemuck::bytes_of(&alone));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         self.gbuffer.record(gpu, &mut encoder, scene, self.pixels.first(0).frame);
+        self.looked.set(Some(uniform.clip_from_world));
         for band in self.pixels.bands(0) {
             self.meet(gpu, &mut encoder, scene, &band);
             pass.record(gpu, &mut encoder, scene, &band, &strategy);
@@ -231,15 +236,15 @@ impl Frame {
     ) {
         self.turn(gpu, iteration > 0);
         // What the camera sees of the scene is the same for all classes of pixels.
-        let sampler = Sampler::new(settings.seed, iteration);
-        let seen = describe(scene, camera, settings, &sampler, iteration, batch_index.unwrap_or(0));
+        let look = Sampler::new(settings.seed, iteration / self.plan.iterations_a_look(camera));
+        let seen = describe(scene, camera, settings, &look, iteration, batch_index.unwrap_or(0));
         let samples = self.live.as_ref().map_or(seen.samples, |live| live.samples() / settings.clamp_samples);
         let seen = layouts::Frame { samples, ..seen };
         for class in 0..self.plan.grid.subpaths() {
             let sampler = Sampler::new(settings.seed, self.number(iteration, class));
             let uniform = with_numbers(&seen, &sampler);
             self.pixels.describe(gpu, class as usize, &uniform);
-            self.subpath(gpu, scene, lights, &sampler, class as usize, batch_index.is_some());
+            self.subpath(gpu, scene, lights, &sampler, class as usize, uniform.clip_from_world, batch_index.is_some());
         }
         if self.plan.grid.scale > 1 {
             self.clear_light(gpu, scene, lights, &seen);
@@ -273,7 +278,7 @@ impl Frame {
     }
 
     /// Records and submits a light subpath, the bundles beside it, and the eye subpaths of a class of pixels, which these serve.
-    /// `counts`: whether what they bring is kept.
+    /// `look`: where the camera looks from and at; `counts`: whether what they bring is kept.
     fn subpath(
         &mut self,
         gpu: &Gpu,
@@ -281,6 +286,7 @@ impl Frame {
         lights: &LightTable,
         sampler: &Sampler,
         class: usize,
+        look: [[f32; 4]; 4],
         counts: bool,
     ) {
         let mut commands =
@@ -343,7 +349,7 @@ impl Frame {
         }
 
         // What each pixel sees; then its paths, band by band.
-        if class == 0 {
+        if class == 0 && self.looked.replace(Some(look)) != Some(look) {
             self.gbuffer.record(gpu, encoder, scene, self.pixels.first(0).frame);
         }
         for band in self.pixels.bands(class) {
@@ -495,7 +501,7 @@ impl Frame {
             }
             _ => {
                 setup.record(gpu, encoder, scene, view, scratch);
-                lists.record(gpu, encoder, view, scratch);
+                lists.record(gpu, encoder, scene, view, scratch);
             }
         }
         let at = (demand * size_of::<layouts::Demand>()) as u64;
@@ -533,8 +539,8 @@ impl Frame {
                 self.light_in_view = None;
             }
             if nodes > view.node_room {
-                let (room, answers) = (nodes + nodes / 2, self.plan.answers(n));
-                *view = ViewBuffers::new(gpu, scene.triangles, view.texels, room, answers);
+                let outlines = self.plan.outlines(n, u64::from(scene.triangles));
+                *view = ViewBuffers::new(gpu, outlines, view.texels, nodes + nodes / 2, self.plan.answers(n));
                 self.light_in_view = None;
             }
         }

@@ -13,6 +13,7 @@ use crate::scene::{
     Boundary, Bsdf, Color, EnvironmentMap, Filter, Fresnel, Geometry, Image, Material, Scalar, Scene, Sides,
     TextureRef, Wrap,
 };
+use crate::view::OUTLINE_BYTES;
 
 const NONE: u32 = u32::MAX;
 
@@ -32,32 +33,38 @@ const CHANNEL_SHIFT: u32 = 24;
 /// without area, which nothing meets. An empty scene has one of these.
 struct Corners {
     positions: Vec<[f32; 4]>,
-    attributes: Vec<layouts::Attributes>,
+    /// As bytes, since their layout depends on whether there are textures.
+    attributes: Vec<u8>,
     triangles: Vec<layouts::Triangle>,
 }
 
 impl Corners {
-    fn new(geometry: &Geometry, room: Room) -> Self {
+    fn new(geometry: &Geometry, room: Room, textured: bool) -> Self {
+        let bytes = layouts::Attributes::bytes(textured);
         if geometry.triangles.is_empty() {
             return Self {
                 positions: vec![[0.0; 4]; 3],
-                attributes: vec![layouts::Attributes::default(); 3],
+                attributes: vec![0; 3 * bytes],
                 triangles: vec![layouts::Triangle { vertices: [0, 1, 2], material: 0 }],
             };
         }
-        let attributes = geometry.vertices.iter().map(|v| layouts::Attributes {
-            normal: v.normal.to_array(),
-            color: packed(v.color),
-            tangent: v.tangent.to_array(),
-            uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
-        });
+        let mut attributes = Vec::with_capacity(room.vertices * bytes);
+        for v in &geometry.vertices {
+            let all = layouts::Attributes {
+                normal: v.normal.to_array(),
+                color: packed(v.color),
+                tangent: v.tangent.to_array(),
+                uv: [v.uvs[0].x, v.uvs[0].y, v.uvs[1].x, v.uvs[1].y],
+            };
+            attributes.extend_from_slice(&bytemuck::bytes_of(&all)[..bytes]);
+        }
+        attributes.resize(room.vertices * bytes, 0);
         let mut out = Self {
             positions: geometry.vertices.iter().map(|v| v.position.extend(0.0).to_array()).collect(),
-            attributes: attributes.collect(),
+            attributes,
             triangles: triangles(geometry, room.triangles),
         };
         out.positions.resize(room.vertices, [0.0; 4]);
-        out.attributes.resize(room.vertices, layouts::Attributes::default());
         out
     }
 }
@@ -123,6 +130,8 @@ pub struct GpuScene {
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
     textures: Option<Textures>,
+    /// Whether vertices have what textures need.
+    textured: bool,
     environment_map: Option<wgpu::TextureView>,
     sphere: (Vec3, f32),
     lighting: wgpu::Buffer,
@@ -142,14 +151,23 @@ struct Textures {
 const TABLES: [&str; 5] = ["lights", "light_sums", "emitters", "patterns", "sky_table"];
 
 impl GpuScene {
-    /// Uploads. An empty scene becomes one triangle without area, which nothing meets.
+    /// Uploads what shaders with these flags ask for. An empty scene becomes one triangle without area, which nothing meets. What it has
+    /// none of, and they ask for, is there in the least size: black maps, lights that never shine.
     ///
     /// # Errors
     /// [`GpuError::Device`] where the scene exceeds what the adapter can hold, with the numbers.
-    pub fn new(gpu: &Gpu, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        geometry: &Geometry,
+        lights: &LightTable,
+        flags: &[&str],
+    ) -> Result<Self, GpuError> {
+        let textured = flags.contains(&"TEXTURES");
         let limit = gpu.capabilities.max_storage_bytes;
         let room = Room::new(scene, geometry);
-        let largest = (room.vertices * size_of::<layouts::Attributes>()).max(room.triangles * 48) as u64;
+        let largest =
+            (room.vertices * layouts::Attributes::bytes(textured)).max(room.triangles * OUTLINE_BYTES as usize) as u64;
         if largest > limit {
             return Err(GpuError::Device(format!(
                 "the scene has {} triangles and {} vertices, which need a binding of {largest} bytes; the adapter's limit is \
@@ -166,7 +184,7 @@ impl GpuScene {
                 lights.count()
             )));
         }
-        let Corners { positions, attributes, triangles } = Corners::new(geometry, room);
+        let Corners { positions, attributes, triangles } = Corners::new(geometry, room, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
         let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
         if materials.is_empty() {
@@ -187,7 +205,7 @@ impl GpuScene {
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
         let textures = atlas.finish(gpu);
         bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
-        Ok(Self {
+        let mut this = Self {
             triangles: triangles.len() as u32,
             room,
             source: scene.materials.clone(),
@@ -203,12 +221,13 @@ impl GpuScene {
             environment_map,
             lighting,
             tables,
-        })
+            textured,
+        };
+        this.stand_in(gpu, flags);
+        Ok(this)
     }
 
-    /// Puts something of the least size in the place of what shaders with these flags ask for and the scene has none of: black maps,
-    /// lights that never shine.
-    pub fn stand_in(&mut self, gpu: &Gpu, flags: &[&str]) {
+    fn stand_in(&mut self, gpu: &Gpu, flags: &[&str]) {
         for name in TABLES {
             let asked = match name {
                 "emitters" => flags.contains(&"EMISSION"),
@@ -230,6 +249,12 @@ impl GpuScene {
             let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
             self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
         }
+    }
+
+    /// Flags of shaders that write vertices.
+    #[must_use]
+    pub fn vertex_flags(&self) -> &'static [&'static str] {
+        if self.textured { &["TEXTURES"] } else { &[] }
     }
 
     /// The bindings of group 0 and of ray queries, followed by a pass's own.

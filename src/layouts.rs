@@ -26,7 +26,7 @@ macro_rules! layouts {
 }
 
 layouts! {
-    /// A vertex beside its position.
+    /// A vertex beside its position; the last two fields only where there are textures.
     struct Attributes in "connect" {
         normal: [f32; 3],
         color: u32,
@@ -499,6 +499,14 @@ layouts! {
         metallic: f32,
         specular: [f32; 3],
         f90: f32,
+    }
+}
+
+impl Attributes {
+    /// Bytes per vertex.
+    #[must_use]
+    pub fn bytes(textured: bool) -> usize {
+        if textured { size_of::<Self>() } else { std::mem::offset_of!(Self, tangent) }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::film;
 use crate::gpu::Capabilities;
 use crate::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::plan::PlannedPass;
@@ -113,7 +114,8 @@ impl PathPlan {
             _ => 0,
         };
         let settled = if settings.settles() { tiles::bytes(settings.width, settings.height) } else { 0 };
-        let bytes = settled + pixels * (16 + 32 + kept + if both_sides { 24 } else { 0 }) + vertex_bytes;
+        let bytes =
+            settled + pixels * (16 + film::DEVICE_BYTES + kept + if both_sides { 24 } else { 0 }) + vertex_bytes;
         Self { passes, flags, bounces, light_sampling, group: group as u32, vertex_bytes, bytes }
     }
 }

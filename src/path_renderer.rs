@@ -5,7 +5,7 @@
 //! camera and stored; eye subpaths are joined to lights and to the vertices stored for their pixel. Pixels come in groups, so that
 //! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
 
-use crate::film::Film;
+use crate::film::{self, Film};
 use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe_camera;
@@ -125,11 +125,11 @@ impl<'gpu> PathRenderer<'gpu> {
         let Prepared { geometry, camera, plan, table, light_nodes, constants } =
             Prepared::new(gpu, scene, geometry, settings)?;
         let both_sides = settings.method == Method::RayQuery;
-        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table)?;
+        // Its shaders always ask how many lights there are.
+        let flags = [plan.flags.as_slice(), &["PUNCTUAL"]].concat();
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table, &flags)?;
         let mut posing = Posing::default();
         posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
-        // Its shaders always ask how many lights there are.
-        gpu_scene.stand_in(gpu, &[plan.flags.as_slice(), &["PUNCTUAL"]].concat());
         gpu_scene.accelerate(gpu, scene, &geometry)?;
         posing.keep(geometry, sources);
         let frame = gpu.uniform::<layouts::Frame>("frame");
@@ -147,7 +147,7 @@ impl<'gpu> PathRenderer<'gpu> {
             shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
-                film: gpu.storage("film", pixels * 32),
+                film: gpu.storage("film", pixels * film::DEVICE_BYTES),
                 log: gpu.storage("log", 16),
                 light: both_sides
                     .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
@@ -287,17 +287,18 @@ impl Progressive for PathRenderer<'_> {
 
     fn restart(&mut self, seed: u32) {
         clear(self.gpu, &self.pixels.film);
-        self.pixels.settled.iter().for_each(|settled| clear(self.gpu, settled.words()));
+        self.pixels.settled.iter_mut().for_each(|settled| settled.restart(self.gpu));
         self.constants.seed = seed;
         self.samples = 0;
     }
 
     fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
-        self.pixels.settled.as_ref().ok_or_else(tiles::never)?.write(self.gpu, tiles)
+        self.pixels.settled.as_mut().ok_or_else(tiles::never)?.write(self.gpu, tiles, self.samples)
     }
 
     fn film(&self) -> Result<Film, RenderError> {
-        read_film(self.gpu, std::iter::once(&self.pixels.film), &self.settings)
+        let Pixels { film, settled, .. } = &self.pixels;
+        read_film(self.gpu, std::iter::once(film), &self.settings, self.samples, settled.as_ref())
     }
 
     fn stats(&self) -> RenderStats {

@@ -2,6 +2,7 @@
 //!
 //! The image is made region by region ([`crate::grid`]): what is kept per pixel is kept for one.
 
+use crate::film;
 use crate::gpu::Gpu;
 use crate::grid::{Grid, Region};
 use crate::layouts;
@@ -35,7 +36,7 @@ pub struct Band<'a> {
     pub size: [u32; 2],
     /// What the iteration shares: a `Frame`.
     pub frame: &'a wgpu::Buffer,
-    /// Sum, compensation and number per pixel, of all iterations; none where frames have layers.
+    /// Sum and compensation per pixel, of all iterations; none where frames have layers.
     pub film: Option<&'a wgpu::Buffer>,
     pixels: &'a PixelBuffers,
 }
@@ -47,7 +48,7 @@ impl PixelBuffers {
         let own = |region: Region| Own {
             region,
             frame: gpu.uniform::<layouts::Frame>("frame"),
-            film: (!grid.layered).then(|| gpu.storage("film", region.pixels() * 32)),
+            film: (!grid.layered).then(|| gpu.storage("film", region.pixels() * film::DEVICE_BYTES)),
         };
         let pixels = grid.largest();
         Self {

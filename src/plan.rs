@@ -2,13 +2,14 @@
 
 use std::fmt;
 
+use crate::film;
 use crate::gpu::Capabilities;
 use crate::grid::Grid;
 use crate::layouts;
-use crate::scene::SceneStats;
+use crate::scene::{Camera, SceneStats};
 use crate::settings::{LightSampling, Method, RestirBias, Settings, Strategies, Visibility};
 use crate::tiles;
-use crate::view::{Answers, RECORD_BYTES, Texels};
+use crate::view::{Answers, OUTLINE_BYTES, Texels};
 
 /// Most light vertices: the light, y1 and y2.
 const MOST_LIGHT_VERTICES: u32 = 3;
@@ -82,6 +83,15 @@ pub struct Extension {
     pub samples: [u32; 4],
 }
 
+/// From where light comes.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct LitFrom {
+    /// From places in the scene, around which there are six faces.
+    pub near: bool,
+    /// From infinitely far away: along one direction at a time.
+    pub afar: bool,
+}
+
 /// A pure value: the iteration's passes, shader flags, sizes and bytes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FramePlan {
@@ -99,6 +109,8 @@ pub struct FramePlan {
     pub reuse: Option<RestirBias>,
     /// Whether lights are chosen for what they would give the view, or by power alone.
     pub lights_for_view: bool,
+    /// Whether anything shines that is not infinitely far away, and whether anything does that is.
+    pub lit_from: LitFrom,
     /// Whether light subpaths also start from lights that paths from the camera can meet.
     pub starts_from_met: bool,
     /// Whether bundles go where a map says that light comes from, eq. (2): only where nothing else finds it. Measured on
@@ -123,6 +135,9 @@ pub struct FramePlan {
     pub vpl_resolution: u32,
     /// Whether light that the camera sees counts.
     pub camera_meets: bool,
+    /// Whether two iterations share a G-buffer, where drawing triangles costs more than borders of things gain by more looks (README,
+    /// "Cost of an iteration").
+    pub shares_looks: bool,
     /// Whether lists are centre-sampled and depths compared.
     pub fast: bool,
     /// Whether ray queries answer instead of lists and maps.
@@ -262,6 +277,7 @@ impl FramePlan {
             light_pool,
             reuse: (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias),
             lights_for_view: many_lights && (sampling.is_none() || resamples),
+            lit_from: LitFrom { near: stats.near_lights, afar: stats.far_lights },
             starts_from_met,
             sky_bundles: stats.environment_map && !starts_from_met && extensions.iter().any(|e: &Extension| e.meets),
             rsm: stats.lights > 0 && light_vertices > 1,
@@ -269,6 +285,8 @@ impl FramePlan {
             extensions,
             list_lengths,
             camera_meets: meets(0),
+            shares_looks: !settings.is_live()
+                && 4 * stats.triangles as u64 > u64::from(settings.width) * u64::from(settings.height),
             bundle_resolution,
             bundle_slabs,
             light_resolution,
@@ -304,19 +322,27 @@ impl FramePlan {
         *self == Self { bytes: self.bytes, ..other.clone() }
     }
 
+    /// Iterations that look from the same point through the same place of each pixel, and so share a G-buffer. A lens, and frames of a
+    /// moving picture, have a look for each.
+    #[must_use]
+    pub fn iterations_a_look(&self, camera: &Camera) -> u64 {
+        let has_lens = camera.lens.is_some_and(|lens| lens.radius > 0.0);
+        if self.shares_looks && !has_lens { 2 } else { 1 }
+    }
+
     /// Texels of each view: the light, the VPLs, the bundles, then one for the pool of light points, or, with reuse, one for each of
     /// this iteration's pool and of the last one's.
     #[must_use]
     pub fn views(&self) -> Vec<Texels> {
         let mut views = Vec::new();
-        for s in 0..self.light_vertices {
-            views.push(Texels::around(if s == 0 { self.light_resolution } else { self.vpl_resolution }));
-        }
+        let light = Texels { faces: if self.lit_from.near { 6 } else { 1 }, ..Texels::around(self.light_resolution) };
+        views
+            .extend((0..self.light_vertices).map(|s| if s == 0 { light } else { Texels::around(self.vpl_resolution) }));
         let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
         views.extend((0..self.bundles()).map(|_| bundle));
         if self.has_pool() {
             let count = if self.reuses() { 2 * self.light_pool as usize - 1 } else { 1 };
-            views.extend((0..count).map(|_| Texels::around(self.light_resolution)));
+            views.extend((0..count).map(|_| light));
         }
         views
     }
@@ -394,14 +420,25 @@ impl FramePlan {
         self.fast && self.light_vertices > 0
     }
 
+    /// Whether the n-th view is that of a light vertex or one of the pool's light points.
+    fn is_around_light(&self, n: usize) -> bool {
+        n < self.light_vertices as usize || self.pool_view().is_some_and(|first| n >= first)
+    }
+
+    /// Outlines that the n-th view keeps of so many triangles: of all, if it ever looks along one direction.
+    #[must_use]
+    pub fn outlines(&self, n: usize, triangles: u64) -> u64 {
+        let is_vpl = (1..self.light_vertices as usize).contains(&n);
+        let parallel = !is_vpl && (!self.is_around_light(n) || self.lit_from.afar);
+        if parallel && !self.rays { triangles } else { 0 }
+    }
+
     /// What answers for the n-th view.
     #[must_use]
     pub fn answers(&self, n: usize) -> Answers {
         if self.rays {
             Answers::Rays
-        } else if self.has_depth_maps()
-            && (n < self.light_vertices as usize || self.pool_view().is_some_and(|first| n >= first))
-        {
+        } else if self.has_depth_maps() && self.is_around_light(n) {
             Answers::DepthMap
         } else {
             Answers::Lists { node_words: self.node_words() }
@@ -458,7 +495,7 @@ impl FramePlan {
         let pool = if self.has_pool() { layouts::Choice::bytes(shared, self.reuses()) } else { 0 };
         let radiance = if live { 48 } else { 16 };
         let kept = pool + layouts::EyeVertex::bytes(shared) + layouts::Shading::bytes(self.glossy()) + radiance;
-        let film = if live { self.live_bytes() } else { pixels * 32 };
+        let film = if live { self.live_bytes() } else { pixels * film::DEVICE_BYTES };
         let settled = if self.settles { tiles::bytes(settings.width, settings.height) } else { 0 };
         let looked_back = if self.reuses() { 2 * size_of::<layouts::PoolSite>() as u64 } else { 0 };
         // The film or what stands for it, the G-buffer with its depth, and what the next iteration looks back at.
@@ -474,7 +511,7 @@ impl FramePlan {
                     Answers::DepthMap => 8 * texels.count(),
                     Answers::Rays => return 0,
                 };
-                triangles * RECORD_BYTES + answers
+                self.outlines(n, triangles) * OUTLINE_BYTES + answers
             })
             .sum();
         image + views + 16 * self.item_room(triangles, capabilities.max_storage_bytes)
@@ -559,7 +596,9 @@ impl FramePlan {
                 n => format!("{} VPLs", n - 1),
             },
         );
-        pass("gbuffer", 1, "z1 of every pixel".to_owned());
+        let shared =
+            if self.shares_looks { "; without a lens two iterations share it, since triangles are many" } else { "" };
+        pass("gbuffer", 1, format!("z1 of every pixel{shared}"));
         pass("eye_vertices", bands + clear_bands, "exact positions, and light that the camera sees".to_owned());
         pass(
             "connect",

@@ -105,13 +105,13 @@ impl Posing {
         rest.pose(gpu, scene);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("pose") });
         if !origins.is_empty() {
-            let deform = self.deform.get_or_insert_with(|| Deform::new(gpu, rest, origins));
+            let deform = self.deform.get_or_insert_with(|| Deform::new(gpu, gpu_scene, rest, origins));
             deform.record(gpu, &mut encoder, gpu_scene, rest, origins);
         }
         if !refined.blends.is_empty() {
             let tessellate = match &mut self.tessellate {
                 Some(tessellate) => tessellate,
-                None => self.tessellate.insert(Tessellate::new(gpu, scene, rest, refined)?),
+                None => self.tessellate.insert(Tessellate::new(gpu, gpu_scene, scene, rest, refined)?),
             };
             tessellate.record(gpu, &mut encoder, gpu_scene, rest, scene, geometry, refined);
         }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::Vec3;
 
 use crate::bundle_directions::BundleDirections;
-use crate::film::Film;
+use crate::film::{self, Film};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::gpu_scene::GpuScene;
@@ -15,7 +15,7 @@ use crate::plan::FramePlan;
 use crate::posing::Posing;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, Settings, Strategies};
-use crate::tiles;
+use crate::tiles::{self, Settled};
 use crate::view::Answers;
 
 /// Iterations between looks at the log.
@@ -157,10 +157,10 @@ impl<'gpu> Renderer<'gpu> {
     fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
         let (geometry, sources) = Geometry::with_sources(scene);
         let Prepared { geometry, camera, plan, lights } = Prepared::new(gpu, scene, geometry, settings, forced)?;
-        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights)?;
+        let flags = [plan.surface_flags.as_slice(), &plan.light_flags].concat();
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights, &flags)?;
         let mut posing = Posing::default();
         posing.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
-        gpu_scene.stand_in(gpu, &[plan.surface_flags.as_slice(), &plan.light_flags].concat());
         if plan.rays {
             gpu_scene.accelerate(gpu, scene, &geometry)?;
         }
@@ -211,7 +211,7 @@ impl<'gpu> Renderer<'gpu> {
             self.scene.accelerate(self.gpu, scene, &geometry)?;
         }
         self.posing.keep(geometry, sources);
-        self.frame.forget_lights();
+        self.frame.forget_looks();
         self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights) = (camera, lights);
         self.begin()
@@ -342,7 +342,7 @@ impl Progressive for Renderer<'_> {
 
     fn restart(&mut self, seed: u32) {
         self.frame.pixels.films().for_each(|film| clear(self.gpu, film));
-        self.frame.pixels.settled.iter().for_each(|settled| clear(self.gpu, settled.words()));
+        self.frame.pixels.settled.iter_mut().for_each(|settled| settled.restart(self.gpu));
         if let Some(live) = &mut self.frame.live {
             live.restart();
         }
@@ -351,13 +351,16 @@ impl Progressive for Renderer<'_> {
     }
 
     fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
-        self.frame.pixels.settled.as_ref().ok_or_else(tiles::never)?.write(self.gpu, tiles)
+        self.frame.pixels.settled.as_mut().ok_or_else(tiles::never)?.write(self.gpu, tiles, self.samples)
     }
 
     fn film(&self) -> Result<Film, RenderError> {
         match &self.frame.live {
             Some(live) => Ok(live.film(self.gpu)?),
-            None => read_film(self.gpu, self.frame.pixels.films(), &self.settings),
+            None => {
+                let pixels = &self.frame.pixels;
+                read_film(self.gpu, pixels.films(), &self.settings, self.samples, pixels.settled.as_ref())
+            }
         }
     }
 
@@ -401,23 +404,21 @@ pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
     gpu.queue.submit([encoder.finish()]);
 }
 
-/// Means of compensated sums, each of as many samples as it says, which may lie in several buffers.
+/// Means of compensated sums of `samples`, or of as many as a tile took, which may lie in several buffers.
 pub(crate) fn read_film<'a>(
     gpu: &Gpu,
     films: impl Iterator<Item = &'a wgpu::Buffer>,
     settings: &Settings,
+    samples: u64,
+    settled: Option<&Settled>,
 ) -> Result<Film, RenderError> {
-    let mut sums: Vec<[[f32; 4]; 2]> = Vec::new();
+    let mut sums: Vec<[[f32; 3]; 2]> = Vec::new();
     for film in films {
-        sums.extend(read_back::<[[f32; 4]; 2]>(gpu, film, (film.size() / 32) as usize)?);
+        sums.extend(read_back::<[[f32; 3]; 2]>(gpu, film, (film.size() / film::DEVICE_BYTES) as usize)?);
     }
-    // The sum's fourth number says of how many samples it is: all whole ones up to the most that can be asked for.
-    let mean = |[sum, lost]: &[[f32; 4]; 2], c: usize| {
-        ((f64::from(sum[c]) - f64::from(lost[c])) / f64::from(sum[3].max(1.0))) as f32
+    let pixel = |(pixel, [sum, lost]): (usize, &[[f32; 3]; 2])| {
+        let count = settled.map_or(samples, |settled| settled.taken(pixel, settings.width, samples)).max(1);
+        [0, 1, 2].map(|c| ((f64::from(sum[c]) - f64::from(lost[c])) / count as f64) as f32)
     };
-    Ok(Film {
-        width: settings.width,
-        height: settings.height,
-        pixels: sums.iter().map(|sums| [0, 1, 2].map(|c| mean(sums, c))).collect(),
-    })
+    Ok(Film { width: settings.width, height: settings.height, pixels: sums.iter().enumerate().map(pixel).collect() })
 }

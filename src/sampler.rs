@@ -40,7 +40,6 @@ impl Decision {
             Self::Bundle(0) => 2,
             Self::Y2 => 4,
             Self::Bundle(1) => 6,
-            Self::Pixel => 8,
             Self::Light => 10,
             Self::LightPoint(0) => 12,
             Self::Lens => 148,
@@ -50,6 +49,8 @@ impl Decision {
             Self::Shift(n) => 151 + 3 * n,
             // Beyond what the others take.
             Self::LightPoint(n) => 512 + 2 * n,
+            // The first pair of a sequence of its own, which fills its square best (README, "Cost of an iteration").
+            Self::Pixel => 8 * sobol_burley::NUM_DIMENSIONS,
         }
     }
 }

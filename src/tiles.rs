@@ -104,32 +104,60 @@ impl Tiles {
     }
 }
 
-/// Which tiles have settled, for shaders.
+/// Which tiles have settled, for shaders, and how many samples each has taken.
 pub struct Settled {
     grid: [u32; 2],
     words: wgpu::Buffer,
+    settled: Vec<bool>,
+    /// Up to when it was last said which have settled.
+    taken: Vec<u64>,
+    /// The picture's samples then.
+    since: u64,
 }
 
 impl Settled {
     /// None has.
     #[must_use]
     pub fn new(gpu: &Gpu, width: u32, height: u32) -> Self {
-        Self { grid: grid(width, height), words: gpu.storage("settled", bytes(width, height)) }
+        let grid = grid(width, height);
+        let count = grid[0] as usize * grid[1] as usize;
+        let words = gpu.storage("settled", bytes(width, height));
+        Self { grid, words, settled: vec![false; count], taken: vec![0; count], since: 0 }
     }
 
-    /// Tells.
+    /// Tells, when a picture has so many samples.
     ///
     /// # Errors
     /// [`RenderError::Setting`] where these are not all tiles.
-    pub fn write(&self, gpu: &Gpu, settled: &[bool]) -> Result<(), RenderError> {
+    pub fn write(&mut self, gpu: &Gpu, settled: &[bool], samples: u64) -> Result<(), RenderError> {
         let [columns, rows] = self.grid;
-        if settled.len() as u64 != u64::from(columns) * u64::from(rows) {
+        if settled.len() != self.settled.len() {
             let given = settled.len();
             return Err(RenderError::Setting(format!("{given} tiles of a picture that has {columns} x {rows}")));
         }
+        for (taken, settled) in self.taken.iter_mut().zip(&self.settled) {
+            *taken += if *settled { 0 } else { samples - self.since };
+        }
+        (self.settled, self.since) = (settled.to_vec(), samples);
         let words: Vec<u32> = settled.iter().map(|&settled| u32::from(settled)).collect();
         gpu.queue.write_buffer(&self.words, 0, bytemuck::cast_slice(&words));
         Ok(())
+    }
+
+    /// Begins a picture of which no tile has settled.
+    pub fn restart(&mut self, gpu: &Gpu) {
+        gpu.queue.write_buffer(&self.words, 0, &vec![0; self.words.size() as usize]);
+        self.settled.fill(false);
+        self.taken.fill(0);
+        self.since = 0;
+    }
+
+    /// Samples that a pixel of a picture `width` wide has taken, when the picture has so many.
+    #[must_use]
+    pub fn taken(&self, pixel: usize, width: u32, samples: u64) -> u64 {
+        let (row, column) = (pixel / width as usize, pixel % width as usize);
+        let tile = row / TILE as usize * self.grid[0] as usize + column / TILE as usize;
+        self.taken[tile] + if self.settled[tile] { 0 } else { samples - self.since }
     }
 
     /// The buffer.

@@ -1,4 +1,4 @@
-//! A view's buffers: where it looks, its triangle records, its draw items and its lists (shaders/lib/view.wesl).
+//! A view's buffers: where it looks, its triangles' outlines, its draw items and its lists (shaders/lib/view.wesl).
 
 use std::cell::Cell;
 
@@ -7,8 +7,8 @@ use glam::Vec3;
 use crate::gpu::Gpu;
 use crate::layouts;
 
-/// Bytes of a triangle's record (shaders/lib/record.wesl).
-pub const RECORD_BYTES: u64 = 48;
+/// Bytes of a triangle's outline (shaders/lib/seen.wesl).
+pub const OUTLINE_BYTES: u64 = 40;
 
 /// Texels of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,8 +129,8 @@ pub struct ViewBuffers {
     pub node_room: u64,
     /// Where it looks: a `View`.
     pub view: wgpu::Buffer,
-    /// Three vectors per triangle.
-    pub records: wgpu::Buffer,
+    /// Corners of each triangle as it sees them, where it may look along one direction.
+    pub outlines: wgpu::Buffer,
     /// Heads, then nodes; nothing where there is a depth map.
     pub lists: wgpu::Buffer,
     /// Instead of lists.
@@ -140,7 +140,7 @@ pub struct ViewBuffers {
 impl ViewBuffers {
     /// Allocates a view with the given room.
     #[must_use]
-    pub fn new(gpu: &Gpu, triangles: u32, texels: Texels, node_room: u64, answers: Answers) -> Self {
+    pub fn new(gpu: &Gpu, outlines: u64, texels: Texels, node_room: u64, answers: Answers) -> Self {
         let (list_words, depth_map) = match answers {
             Answers::Lists { node_words } => (texels.lists() + node_words * node_room, None),
             Answers::DepthMap => (0, Some(DepthMap::new(gpu, texels.atlas(texels.faces)))),
@@ -151,7 +151,7 @@ impl ViewBuffers {
             looks_at: Cell::new(texels.faces),
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
-            records: gpu.storage("records", u64::from(triangles) * RECORD_BYTES),
+            outlines: gpu.storage("outlines", outlines.max(1) * OUTLINE_BYTES),
             lists: gpu.storage("lists", 4 * list_words),
             depth_map,
         };
@@ -172,12 +172,6 @@ impl ViewBuffers {
         self.looks_at.set(faces);
     }
 
-    /// Triangles that there are records for.
-    #[must_use]
-    pub fn triangles(&self) -> u64 {
-        self.records.size() / RECORD_BYTES
-    }
-
     /// Pixels of the atlas that holds the faces.
     #[must_use]
     pub fn atlas(&self) -> [u32; 2] {
@@ -195,7 +189,7 @@ impl ViewBuffers {
     /// Bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        [&self.view, &self.records, &self.lists].iter().map(|b| b.size()).sum::<u64>()
+        [&self.view, &self.outlines, &self.lists].iter().map(|b| b.size()).sum::<u64>()
             + if self.depth_map.is_some() { 8 * self.texels.count() } else { 0 }
     }
 
@@ -205,7 +199,7 @@ impl ViewBuffers {
         let mut out = vec![
             ("view", self.view.as_entire_binding()),
             ("lists", self.lists.as_entire_binding()),
-            ("records", self.records.as_entire_binding()),
+            ("outlines", self.outlines.as_entire_binding()),
         ];
         if let Some(map) = &self.depth_map {
             out.push(("map_triangles", wgpu::BindingResource::TextureView(&map.triangles)));

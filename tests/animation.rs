@@ -397,7 +397,7 @@ fn no_number_of_a_file_makes_it_panic() {
 fn deformed(gpu: &Gpu, from: &Scene, to: &Scene, expected: &Scene) -> [f32; 2] {
     let geometry = Geometry::new(from);
     let lights = LightTable::new(from, &geometry, Met::Never);
-    let on_device = GpuScene::new(gpu, from, &geometry, &lights).unwrap();
+    let on_device = GpuScene::new(gpu, from, &geometry, &lights, &["TEXTURES"]).unwrap();
     let expected = Geometry::new(expected);
     assert_eq!(expected.vertices.len(), geometry.vertices.len());
     let (geometry, sources) = Geometry::with_sources(to);
@@ -564,18 +564,18 @@ fn a_pose_is_what_a_new_renderer_makes_of_it() {
             let mut renderer = Renderer::new(gpu, &poses[0], &settings).unwrap();
             let followed = [1, 2].map(|i| {
                 renderer.pose(&poses[i]).unwrap();
-                picture(&mut renderer, 4)
+                picture(&mut renderer, 2)
             });
             let [late, followed] = followed;
-            [late, followed, picture(&mut Renderer::new(gpu, &poses[2], &settings).unwrap(), 4)]
+            [late, followed, picture(&mut Renderer::new(gpu, &poses[2], &settings).unwrap(), 2)]
         } else {
             let mut renderer = PathRenderer::new(gpu, &poses[0], &settings).unwrap();
             let followed = [1, 2].map(|i| {
                 renderer.pose(&poses[i]).unwrap();
-                picture(&mut renderer, 4)
+                picture(&mut renderer, 2)
             });
             let [late, followed] = followed;
-            [late, followed, picture(&mut PathRenderer::new(gpu, &poses[2], &settings).unwrap(), 4)]
+            [late, followed, picture(&mut PathRenderer::new(gpu, &poses[2], &settings).unwrap(), 2)]
         };
         let apart = compare(&followed, &new).unwrap();
         println!(

@@ -2,7 +2,7 @@
 
 use lightsheaf::gpu::Capabilities;
 use lightsheaf::plan::{Connection, FramePlan};
-use lightsheaf::scene::SceneStats;
+use lightsheaf::scene::{Camera, Lens, SceneStats, builtin};
 use lightsheaf::settings::{LightSampling, Settings, Strategies, Visibility};
 
 fn capabilities() -> Capabilities {
@@ -30,7 +30,7 @@ fn dark() -> SceneStats {
 }
 
 fn one_light() -> SceneStats {
-    SceneStats { lights: 1, ..dark() }
+    SceneStats { lights: 1, near_lights: true, ..dark() }
 }
 
 fn bounces(bounces: u32) -> Settings {
@@ -252,6 +252,37 @@ fn light_that_is_met_by_chance() {
     assert_eq!(extensions(&both), [(1, false), (2, false), (3, true)]);
 }
 
+/// Around a place light goes along six faces, from infinitely far away along one; outlines are kept where a view may be parallel.
+#[test]
+fn views_have_what_light_needs() {
+    let of = |near_lights, far_lights| {
+        let plan = plan(&SceneStats { near_lights, far_lights, ..one_light() }, &bounces(2));
+        let faces: Vec<_> = plan.views().iter().map(|texels| texels.faces).collect();
+        let outlines: Vec<_> = (0..faces.len()).map(|n| plan.outlines(n, 32)).collect();
+        (faces, outlines, plan.bytes)
+    };
+    let (near, afar, both) = (of(true, false), of(false, true), of(true, true));
+    assert_eq!((near.0, near.1), (vec![6, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
+    assert_eq!((afar.0, afar.1), (vec![1, 6, 6, 1, 1], vec![32, 0, 0, 32, 32]));
+    assert_eq!((both.0, both.1), (vec![6, 6, 6, 1, 1], vec![32, 0, 0, 32, 32]));
+    assert!(near.2 < both.2 && afar.2 < near.2);
+}
+
+/// Two iterations share a G-buffer where drawing it costs much, and nothing needs a look of its own.
+#[test]
+fn many_triangles_share_a_look() {
+    let pinhole = builtin::load("cornell_point").unwrap().cameras.remove(0);
+    let lens = Camera { lens: Some(Lens { radius: 0.1, focus: 1.0 }), ..pinhole.clone() };
+    let looks = |triangles, settings: &Settings, camera: &Camera| {
+        plan(&SceneStats { triangles, ..one_light() }, settings).iterations_a_look(camera)
+    };
+    let base = Settings { width: 64, height: 64, ..Settings::default() };
+    assert_eq!([1024, 1025].map(|triangles| looks(triangles, &base, &pinhole)), [1, 2]);
+    assert_eq!(looks(1025, &base, &lens), 1);
+    assert_eq!(looks(1025, &Settings { history: 2, ..base.clone() }, &pinhole), 1);
+    assert_eq!(looks(1025, &Settings { width: 128, ..base }, &pinhole), 1);
+}
+
 #[test]
 fn many_lights_make_a_pool() {
     let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
@@ -335,7 +366,7 @@ fn bytes_grow_with_what_is_asked_for() {
     assert!(bytes(&Settings { width: 1024, ..base.clone() }) > small);
     // Beyond a band, only the film and the G-buffer do.
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
-    assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 40);
+    assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 32);
     assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.regions(), [4, 0]);
     assert!(bytes(&Settings { bundle_resolution: Some(256), ..base.clone() }) > small);
     assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);

@@ -96,7 +96,7 @@ fn on_device(gpu: &Gpu, scene: &Scene, pose: bool) -> (Geometry, Vec<Vec3>, Vec<
     // What is uploaded is not what is looked at.
     let mut blank = geometry.clone();
     blank.vertices.iter_mut().skip(sources.origins.len()).for_each(|v| (v.position, v.normal) = (Vec3::NAN, Vec3::NAN));
-    let device = GpuScene::new(gpu, scene, &blank, &lights).unwrap();
+    let device = GpuScene::new(gpu, scene, &blank, &lights, &["TEXTURES"]).unwrap();
     let mut posing = Posing::default();
     if pose {
         posing.run(gpu, &device, scene, &geometry, &sources).unwrap();
@@ -283,7 +283,7 @@ fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
     let (old, new) = (at(3.0, 0.2), at(2.5, 0.25));
     let [(geometry, sources), (next, next_sources)] = [&old, &new].map(Geometry::with_sources);
     assert!(geometry.triangles.len() < next.triangles.len());
-    let device = GpuScene::new(gpu, &new, &next, &LightTable::new(&new, &next, Met::Never)).unwrap();
+    let device = GpuScene::new(gpu, &new, &next, &LightTable::new(&new, &next, Met::Never), &["TEXTURES"]).unwrap();
     let mut posing = Posing::default();
     posing.refine(gpu, &device, &old, &geometry, &sources).unwrap();
     posing.look_back(gpu, &device, &new, &next, &next_sources);

@@ -55,8 +55,8 @@ struct Answer {
 /// Runs the twins on the device.
 fn ask(gpu: &Gpu, scene: &Scene, flags: &[&str], questions: &[Question]) -> Vec<Answer> {
     let geometry = Geometry::new(scene);
-    let mut uploaded = GpuScene::new(gpu, scene, &geometry, &LightTable::new(scene, &geometry, Met::All)).unwrap();
-    uploaded.stand_in(gpu, flags);
+    let lights = LightTable::new(scene, &geometry, Met::All);
+    let uploaded = GpuScene::new(gpu, scene, &geometry, &lights, flags).unwrap();
     let pass = Compute::new(gpu, "twins", "twins", flags);
     let asked = gpu.upload("twin_questions", questions);
     let answers = gpu.storage("twin_answers", size_of_val(questions) as u64 / 48 * 64);

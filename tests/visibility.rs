@@ -119,7 +119,7 @@ impl<'a> World<'a> {
         }
         Self {
             gpu,
-            scene: GpuScene::new(gpu, scene, geometry, &LightTable::new(scene, geometry, Met::All)).unwrap(),
+            scene: GpuScene::new(gpu, scene, geometry, &LightTable::new(scene, geometry, Met::All), &flags).unwrap(),
             materials: &scene.materials,
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],
@@ -156,7 +156,7 @@ impl<'a> World<'a> {
                 6 if self.plan.fast => Answers::DepthMap,
                 _ => Answers::Lists { node_words: self.plan.node_words() },
             };
-            let view = ViewBuffers::new(self.gpu, self.scene.triangles, texels, room, answers);
+            let view = ViewBuffers::new(self.gpu, triangles, texels, room, answers);
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
             view.reset(&mut encoder, &scratch);
@@ -169,7 +169,7 @@ impl<'a> World<'a> {
             );
             match &view.depth_map {
                 Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, &scratch, map),
-                None => self.lists.record(self.gpu, &mut encoder, &view, &scratch),
+                None => self.lists.record(self.gpu, &mut encoder, &self.scene, &view, &scratch),
             }
             self.gpu.queue.submit([encoder.finish()]);
             let tally: Vec<u32> = read_back(self.gpu, &scratch.tally, ViewScratch::WANTED as usize).unwrap();

@@ -21,9 +21,14 @@ pub struct Deform {
 impl Deform {
     /// Builds the pipeline; `origins` are the vertices of a scene's geometry.
     #[must_use]
-    pub fn new(gpu: &Gpu, rest: &Rest, origins: &[geometry::Origin]) -> Self {
+    pub fn new(gpu: &Gpu, gpu_scene: &GpuScene, rest: &Rest, origins: &[geometry::Origin]) -> Self {
         Self {
-            pipeline: Compute::new(gpu, "deform", "deform", &rest.flags()),
+            pipeline: Compute::new(
+                gpu,
+                "deform",
+                "deform",
+                &[rest.flags().as_slice(), gpu_scene.vertex_flags()].concat(),
+            ),
             origins: gpu.storage("origins", size_of_val(origins) as u64),
         }
     }

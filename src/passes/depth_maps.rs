@@ -1,6 +1,6 @@
 //! depth_maps: the nearest triangle of each texel and its depth, for views around light vertices in `fast`.
 //!
-//! Reads the view's records and draw items, and materials with holes. Writes the view's depth map.
+//! Reads the geometry, the view's draw items, and materials with holes. Writes the view's depth map.
 
 use crate::gpu::{Gpu, Raster, RasterTargets};
 use crate::gpu_scene::GpuScene;
@@ -33,11 +33,8 @@ impl DepthMaps {
             clear: wgpu::Color { r: none, g: none, b: none, a: none },
             depth: Some(&map.depths),
         };
-        let bindings = scene.with(&[
-            ("view", view.view.as_entire_binding()),
-            ("records", view.records.as_entire_binding()),
-            ("items", scratch.items.as_entire_binding()),
-        ]);
+        let bindings =
+            scene.with(&[("view", view.view.as_entire_binding()), ("items", scratch.items.as_entire_binding())]);
         self.0.record(gpu, encoder, &targets, view.atlas(), &bindings, |pass| {
             pass.draw_indirect(&scratch.tally, ViewScratch::DRAW)
         });

@@ -8,6 +8,9 @@ use crate::gpu_scene::GpuScene;
 use crate::pixels::Band;
 use crate::view::ViewBuffers;
 
+/// Rows of pixels that dispatches cover a multiple of: those of a workgroup times `SPREAD` of the shader.
+const ROWS: u32 = 8 * 8;
+
 /// The pass.
 pub struct Extend(Compute);
 
@@ -35,6 +38,7 @@ impl Extend {
         let mut bindings = scene.with(&bundle.bindings());
         bindings.extend(band.bindings());
         bindings.push(("strategy", strategy.as_entire_binding()));
-        self.0.record(gpu, encoder, band.size, &bindings);
+        let [columns, rows] = band.size;
+        self.0.record(gpu, encoder, [columns, rows.next_multiple_of(ROWS)], &bindings);
     }
 }

@@ -182,7 +182,14 @@ impl Tessellate {
     ///
     /// # Errors
     /// [`GpuError::Device`] where the height maps exceed what the adapter can bind, with the numbers.
-    pub fn new(gpu: &Gpu, scene: &Scene, rest: &Rest, refined: &Refined) -> Result<Self, GpuError> {
+    pub fn new(
+        gpu: &Gpu,
+        gpu_scene: &GpuScene,
+        scene: &Scene,
+        rest: &Rest,
+        refined: &Refined,
+    ) -> Result<Self, GpuError> {
+        let vertex_flags = gpu_scene.vertex_flags();
         let constants = Constants::new(scene, refined);
         let (origins, members) = control_origins(scene, refined, rest);
         let limit = gpu.capabilities.max_storage_bytes;
@@ -196,8 +203,13 @@ impl Tessellate {
         let maps: Vec<f32> = scene.height_maps.iter().flat_map(|map| &map.texels).copied().collect();
         Ok(Self {
             pose: Compute::new(gpu, "controls", "controls", &rest.flags()),
-            place: Compute::new(gpu, "tessellate", "tessellate", &constants.flags()),
-            normals: displaced.then(|| Compute::new(gpu, "displaced_normals", "displaced_normals", &[])),
+            place: Compute::new(
+                gpu,
+                "tessellate",
+                "tessellate",
+                &[constants.flags().as_slice(), vertex_flags].concat(),
+            ),
+            normals: displaced.then(|| Compute::new(gpu, "displaced_normals", "displaced_normals", vertex_flags)),
             controls: gpu.storage("controls", (origins.len() * size_of::<Control>()) as u64),
             control_origins: gpu.upload("control_origins", &origins),
             members: gpu.upload("members", &members),

@@ -1,6 +1,6 @@
-//! view_setup: every triangle's record in a view, the lists of what touches few texels, and items of the rest.
+//! view_setup: every triangle's outline in a parallel view, the lists of what touches few texels, and items of the rest.
 //!
-//! Reads the geometry and the view. Writes its records, lists, items and tally. Skipped for the light's view while the light stays
+//! Reads the geometry and the view. Writes its outlines, lists, items and tally. Skipped for the light's view while the light stays
 //! the same.
 
 use crate::gpu::{Compute, Gpu, rows};
@@ -33,7 +33,7 @@ impl ViewSetup {
     ) {
         let bindings = scene.with(&[
             ("view", view.view.as_entire_binding()),
-            ("records", view.records.as_entire_binding()),
+            ("outlines", view.outlines.as_entire_binding()),
             ("items", scratch.items.as_entire_binding()),
             ("tally", scratch.tally.as_entire_binding()),
             ("lists", view.lists.as_entire_binding()),

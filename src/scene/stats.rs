@@ -25,6 +25,10 @@ pub struct SceneStats {
     /// Places that light comes from: cells of a grid of 8 x 8 x 8 over the scene's box that hold any, and each direction from infinitely
     /// far away. A lamp of many triangles is one place or a few.
     pub light_places: usize,
+    /// Whether light comes from anywhere in the scene, from a light or a triangle.
+    pub near_lights: bool,
+    /// Whether light comes from infinitely far away, from a light or the environment.
+    pub far_lights: bool,
     /// Triangles whose material shines.
     pub emissive_triangles: usize,
     /// Whether light comes from infinitely far away.
@@ -91,6 +95,8 @@ impl SceneStats {
                 && !scene.materials.iter().any(shining),
             patterns: !scene.patterns.is_empty(),
             light_places: cells.len() + far + usize::from(scene.environment.is_some()),
+            near_lights: !cells.is_empty(),
+            far_lights: far > 0 || scene.environment.is_some(),
             emissive_triangles,
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
