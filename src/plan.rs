@@ -20,9 +20,11 @@ const FEW_LIGHTS: usize = 16;
 /// Light points of the pool.
 const POOL: u32 = 16;
 
-/// Pixels that are followed at a time: enough to fill a large device. Where there is a pool of light points their maps are drawn for
-/// each band, so there are fewer bands.
-const BAND_PIXELS: u32 = 1 << 18;
+/// Pixels that are followed at a time: enough to fill a large device. A picture of up to two bands is one: two took 8 % longer in
+/// cornell_point, while eight and sixteen are alike. Where there is a pool of light points their maps are drawn for each band, so there
+/// are fewer.
+const BAND_PIXELS: u32 = 1 << 17;
+const TWO_BANDS: u32 = 2 * BAND_PIXELS;
 const POOL_BAND_PIXELS: u32 = 1 << 20;
 
 /// Why nothing starts from a light.
@@ -309,7 +311,14 @@ impl FramePlan {
             history: settings.history,
             bytes: 0,
         };
-        let usual = if plan.has_pool() && !plan.reuses() { POOL_BAND_PIXELS } else { BAND_PIXELS };
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let usual = if plan.has_pool() && !plan.reuses() {
+            POOL_BAND_PIXELS
+        } else if pixels <= u64::from(TWO_BANDS) {
+            TWO_BANDS
+        } else {
+            BAND_PIXELS
+        };
         plan.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.explain(stats, settings);
