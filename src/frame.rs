@@ -11,7 +11,7 @@ use crate::bundle_directions::BundleDirections;
 use crate::gpu::{Gpu, GpuError};
 use crate::gpu_scene::GpuScene;
 use crate::iteration::describe;
-use crate::layouts;
+use crate::layouts::{self, LightRecord};
 use crate::light_table::LightTable;
 use crate::live::Live;
 use crate::passes::accumulate::Accumulate;
@@ -50,17 +50,22 @@ pub struct Frame {
     light_subpath: Option<LightSubpath>,
     gbuffer: GBuffer,
     eye_vertices: EyeVertices,
-    /// In order, each with its constants; those that the pool makes have no pass.
-    connections: Vec<(Connection, wgpu::Buffer, Option<Connect>)>,
+    /// In order, each with its constants for every light point that it joins; those that the pool makes have no pass.
+    connections: Vec<(Connection, Vec<wgpu::Buffer>, Option<Connect>)>,
     extensions: Vec<(wgpu::Buffer, Extend)>,
     list_lengths: Option<ListLengths>,
     accumulate: Accumulate,
-    /// Around the light vertices, then the bundles, then around the pool's light points ([`FramePlan::pool_views`]).
+    /// Around the light vertices, then the bundles, then around other light points ([`FramePlan::light_view`],
+    /// [`FramePlan::pool_views`]).
     views: Vec<ViewBuffers>,
     /// Of bundles, where they do not go everywhere alike.
     directions: Option<BundleDirections>,
-    /// The light without extent that `views[0]` was made for.
-    light_in_view: Option<u32>,
+    /// Where the last light subpath started, then what else direct light was chosen from; nothing where nothing shines.
+    starts: Vec<layouts::LightStart>,
+    /// For each view, the light without extent that it was made for.
+    lights_in_views: Vec<Option<u32>>,
+    /// The one that the table of pass rsm was made for.
+    light_in_table: Option<u32>,
     /// The film, and what an iteration keeps per pixel.
     pub pixels: PixelBuffers,
     /// Where pictures are filtered frame by frame.
@@ -121,7 +126,10 @@ impl Frame {
         let pooled = |c: &Connection| plan.has_pool() && c.is_direct();
         let connections = plan.connections.iter();
         let connections = connections
-            .map(|c| (*c, strategy(c.samples, c.s, c.j, plan.is_clear(c)), (!pooled(c)).then(|| connect(c))));
+            .map(|c| {
+                let constants = (0..plan.points_joined(c)).map(|_| strategy(c.samples, c.s, c.j, plan.is_clear(c)));
+                (*c, constants.collect(), (!pooled(c)).then(|| connect(c)))
+            });
         let extend = |e: &Extension| {
             let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
             Extend::new(gpu, &flags, e.last)
@@ -152,7 +160,7 @@ impl Frame {
             view_lists: rasterized.then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0)
-                .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_pool, plan.light_resolution)),
+                .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_points(), plan.light_resolution)),
             light_pool: plan.has_pool().then(|| {
                 let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, reuse].concat()));
                 LightPool::new(gpu, &choosing, &testing, plan.pool_views().len() as u32, choices)
@@ -172,7 +180,9 @@ impl Frame {
             accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags(), reuse].concat()),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
-            light_in_view: None,
+            starts: Vec::new(),
+            lights_in_views: vec![None; views.len()],
+            light_in_table: None,
             looked: Cell::new(None),
             seen: layouts::Frame::default(),
             pixels,
@@ -189,8 +199,13 @@ impl Frame {
 
     /// Makes what the light and the camera see anew: something has moved.
     pub fn forget_looks(&mut self) {
-        self.light_in_view = None;
+        self.forget_lights();
         self.looked.set(None);
+    }
+
+    fn forget_lights(&mut self) {
+        self.lights_in_views.fill(None);
+        self.light_in_table = None;
     }
 
     /// What each light would give the picture, in any unit, if nothing stood between.
@@ -247,7 +262,7 @@ impl Frame {
             self.subpath(gpu, scene, lights, &sampler, class as usize, uniform.clip_from_world, batch_index.is_some());
         }
         if self.plan.grid.scale > 1 {
-            self.clear_light(gpu, scene, lights, &seen);
+            self.clear_light(gpu, scene, &seen);
         }
         self.seen = seen;
     }
@@ -259,7 +274,7 @@ impl Frame {
         let views = self.plan.pool_views();
         let (now, past) = views.split_at(views.len() / 2);
         now.iter().zip(past).for_each(|(&now, &past)| self.views.swap(now, past));
-        self.light_in_view = None;
+        self.forget_lights();
     }
 
     /// Makes a picture of what the last iteration brought, where pictures are filtered frame by frame.
@@ -294,32 +309,44 @@ impl Frame {
         let encoder = &mut commands;
         let light_vertices = self.plan.light_vertices as usize;
 
-        // y0 and what else direct light is chosen from; what y0 can see, kept while a light without extent stays the same.
-        let starts = light_starts(lights, sampler, self.plan.light_pool);
-        let started = self.light_point.as_ref().filter(|_| !starts.is_empty());
+        // y0 and the other light points; what each can see, kept while a light without extent stays the same.
+        self.starts = light_starts(lights, sampler, &self.plan);
+        let started = self.light_point.as_ref().filter(|_| !self.starts.is_empty());
         let rsm = self.rsm.as_ref().map(|pass| &pass.table);
+        let mut y0_view = 0;
         if let Some(pass) = started {
-            let (light, record) = (starts[0].light, &lights.records[starts[0].light as usize]);
-            if self.light_in_view != Some(light) || starts.len() > 1 {
-                pass.record(gpu, encoder, scene, &starts);
+            let y0 = self.starts[0].light;
+            if self.starts.len() > 1 || self.lights_in_views[0] != Some(y0) {
+                pass.record(gpu, encoder, scene, &self.starts);
             }
-            if self.light_in_view != Some(light) {
-                pass.look(encoder, 0, record.is_infinite(), &self.views[0]);
-                self.fill(gpu, encoder, scene, 0, 0);
-                if let Some(rsm) = self.rsm.as_ref().filter(|_| record.is_fixed()) {
-                    rsm.record(gpu, encoder, scene, &pass.points, &self.views[0]);
+            let with_view = if self.plan.direct_lights > 0 { &self.starts[..] } else { &self.starts[..1] };
+            for (n, &layouts::LightStart { light, .. }) in with_view.iter().enumerate() {
+                let (view, record) = (self.plan.light_view(light), &lights.records[light as usize]);
+                if self.lights_in_views[view] != Some(light) {
+                    pass.look(encoder, n as u32, record.is_infinite(), &self.views[view]);
+                    self.fill(gpu, encoder, scene, view, view);
+                    self.lights_in_views[view] = record.is_fixed().then_some(light);
                 }
-                self.light_in_view = record.is_fixed().then_some(light);
+            }
+            y0_view = self.plan.light_view(y0);
+            let is_fixed = lights.records[y0 as usize].is_fixed();
+            if let Some(rsm) = self.rsm.as_ref().filter(|_| is_fixed && self.light_in_table != Some(y0)) {
+                rsm.record(gpu, encoder, scene, &pass.points, &self.views[y0_view]);
+                self.light_in_table = Some(y0);
+            }
+            if self.plan.direct_lights > 0 {
+                self.count_lights(gpu, lights);
             }
             if self.light_reuse.is_some() {
-                (1..starts.len()).for_each(|n| self.look_around(gpu, encoder, scene, pass, lights, &starts, n));
+                (1..self.starts.len()).for_each(|n| self.look_around(gpu, encoder, scene, pass, lights, n));
             }
         }
 
         // y1, y2: VPLs, and everything that each can see (section 4.1).
         if let (Some(pass), Some(LightPoint { points, .. })) = (&self.light_subpath, started) {
             for vertex in 1..light_vertices {
-                let (from, next) = (&self.views[vertex - 1], &self.views[vertex]);
+                let from = &self.views[if vertex == 1 { y0_view } else { vertex - 1 }];
+                let next = &self.views[vertex];
                 let vertices = &self.light_vertices;
                 pass.record(
                     gpu,
@@ -353,7 +380,7 @@ impl Frame {
             self.gbuffer.record(gpu, encoder, scene, self.pixels.first(0).frame);
         }
         for band in self.pixels.bands(class) {
-            self.follow(gpu, encoder, scene, &band, started, lights, &starts);
+            self.follow(gpu, encoder, scene, &band, started, lights);
             if counts {
                 self.keep(gpu, encoder, &band);
             }
@@ -362,15 +389,15 @@ impl Frame {
     }
 
     /// Light that needs no filter, for every pixel of an image that is finer than its layers.
-    fn clear_light(&self, gpu: &Gpu, scene: &GpuScene, lights: &LightTable, seen: &layouts::Frame) {
+    fn clear_light(&self, gpu: &Gpu, scene: &GpuScene, seen: &layouts::Frame) {
         let class = self.plan.grid.subpaths() as usize;
         self.pixels.describe(gpu, class, seen);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let started = self.light_point.as_ref().filter(|_| lights.count() > 0);
+        let started = self.light_point.as_ref().filter(|_| !self.starts.is_empty());
         for band in self.pixels.bands(class) {
             self.meet(gpu, &mut encoder, scene, &band);
-            for (connection, strategy, pass) in self.connections.iter().filter(|(c, ..)| self.plan.is_apart(c)) {
-                self.join(gpu, &mut encoder, scene, &band, (connection, strategy, pass.as_ref()), started);
+            for (connection, strategies, pass) in self.connections.iter().filter(|(c, ..)| self.plan.is_apart(c)) {
+                self.join(gpu, &mut encoder, scene, &band, (connection, strategies, pass.as_ref()), started);
             }
             self.keep(gpu, &mut encoder, &band);
         }
@@ -383,20 +410,41 @@ impl Frame {
         self.eye_vertices.record(gpu, encoder, scene, band, &self.gbuffer.triangles, guides);
     }
 
-    /// z_j joined to a vertex of the light subpath.
+    /// Where each light has a point in every iteration, direct light counts in MIS as often as that light would have to be chosen for that.
+    fn count_lights(&self, gpu: &Gpu, lights: &LightTable) {
+        let write = |strategy: &wgpu::Buffer, samples: [u32; 4], light: &LightRecord| {
+            let at = std::mem::offset_of!(layouts::Strategy, allowed) + size_of::<f32>();
+            let count = samples[1] as f32 / light.probability;
+            gpu.queue.write_buffer(strategy, at as u64, bytemuck::bytes_of(&count));
+        };
+        for (connection, strategies, _) in self.connections.iter().filter(|(c, ..)| c.is_direct()) {
+            let of_lights = strategies.iter().zip(&lights.records);
+            of_lights.for_each(|(strategy, light)| write(strategy, connection.samples, light));
+        }
+        // All that can be met there is the sky.
+        if let (Some((strategy, _)), Some(sky)) = (self.extensions.first(), lights.sky()) {
+            write(strategy, self.plan.extensions[0].samples, sky);
+        }
+    }
+
+    /// z_j joined to a vertex of the light subpath, or to the point of each light.
     fn join(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         band: &Band,
-        (connection, strategy, pass): (&Connection, &wgpu::Buffer, Option<&Connect>),
+        (connection, strategies, pass): (&Connection, &[wgpu::Buffer], Option<&Connect>),
         started: Option<&LightPoint>,
     ) {
         let (Some(pass), Some(light_point)) = (pass, started) else { return };
-        let (view, y0) = (&self.views[connection.s as usize - 1], &light_point.points);
         let rsm = self.rsm.as_ref().map(|pass| &pass.table);
-        pass.record(gpu, encoder, scene, band, strategy, view, y0, &self.light_vertices, rsm);
+        for (n, start) in self.starts.iter().enumerate().take(strategies.len()) {
+            let view = if connection.s == 1 { self.plan.light_view(start.light) } else { connection.s as usize - 1 };
+            let (view, point) = (&self.views[view], light_point.point(encoder, n));
+            let strategy = if strategies.len() > 1 { &strategies[start.light as usize] } else { &strategies[0] };
+            pass.record(gpu, encoder, scene, band, strategy, view, point, &self.light_vertices, rsm);
+        }
     }
 
     /// The film or the frame's layers, unless a list ran out of room.
@@ -415,7 +463,6 @@ impl Frame {
         band: &Band,
         started: Option<&LightPoint>,
         lights: &LightTable,
-        starts: &[layouts::LightStart],
     ) {
         self.meet(gpu, encoder, scene, band);
         if let Some(pass) = &self.list_lengths {
@@ -425,12 +472,12 @@ impl Frame {
         // z_j: joined to the light and its VPLs, (1, j + 1) to (3, j + 1), then extended along bundle j, (0, j + 2).
         for j in 1..=self.plan.bounces + 1 {
             let connections = self.connections.iter().filter(|(c, ..)| c.j == j && !self.plan.is_apart(c));
-            for (connection, strategy, pass) in connections {
+            for (connection, strategies, pass) in connections {
                 match (pass, &self.light_pool, started) {
                     (None, Some(pool), Some(light_point)) => {
-                        self.shine(gpu, encoder, scene, band, light_point, pool, strategy, lights, starts);
+                        self.shine(gpu, encoder, scene, band, light_point, pool, &strategies[0], lights);
                     }
-                    _ => self.join(gpu, encoder, scene, band, (connection, strategy, pass.as_ref()), started),
+                    _ => self.join(gpu, encoder, scene, band, (connection, strategies, pass.as_ref()), started),
                 }
             }
             let Some((strategy, pass)) = self.extensions.get(j as usize - 1) else { continue };
@@ -447,11 +494,10 @@ impl Frame {
         scene: &GpuScene,
         light_point: &LightPoint,
         lights: &LightTable,
-        starts: &[layouts::LightStart],
         n: usize,
     ) {
         let (views, Some(first)) = (self.plan.pool_views(), self.plan.pool_view()) else { return };
-        let infinite = lights.records[starts[n].light as usize].is_infinite();
+        let infinite = lights.records[self.starts[n].light as usize].is_infinite();
         light_point.look(encoder, n as u32, infinite, &self.views[views[n]]);
         self.fill(gpu, encoder, scene, views[n], first + n - 1);
     }
@@ -468,14 +514,13 @@ impl Frame {
         pool: &LightPool,
         strategy: &wgpu::Buffer,
         lights: &LightTable,
-        starts: &[layouts::LightStart],
     ) {
         let (views, reuse) = (self.plan.pool_views(), self.light_reuse.as_ref());
         let sites = reuse.map(|reuse| &reuse.sites);
         pool.choose(gpu, encoder, scene, band, strategy, &light_point.points, sites);
-        for (n, &view) in views.iter().enumerate().take(starts.len()) {
+        for (n, &view) in views.iter().enumerate().take(self.starts.len()) {
             if n > 0 && reuse.is_none() {
-                self.look_around(gpu, encoder, scene, light_point, lights, starts, n);
+                self.look_around(gpu, encoder, scene, light_point, lights, n);
             }
             pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
         }
@@ -532,17 +577,21 @@ impl Frame {
 
     /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
+        let mut grown = false;
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
             if self.scratch.as_ref().is_some_and(|scratch| items > scratch.item_room) {
                 self.scratch = Some(ViewScratch::new(gpu, items + items / 2));
-                self.light_in_view = None;
+                grown = true;
             }
             if nodes > view.node_room {
                 let outlines = self.plan.outlines(n, u64::from(scene.triangles));
                 *view = ViewBuffers::new(gpu, outlines, view.texels, nodes + nodes / 2, self.plan.answers(n));
-                self.light_in_view = None;
+                grown = true;
             }
+        }
+        if grown {
+            self.forget_lights();
         }
         self.write_rooms(gpu);
     }
@@ -597,12 +646,18 @@ fn with_numbers(seen: &layouts::Frame, sampler: &Sampler) -> layouts::Frame {
     }
 }
 
-/// Where the iteration's light points lie; nowhere if nothing shines. Lights are chosen at even steps from a random start.
-fn light_starts(lights: &LightTable, sampler: &Sampler, count: u32) -> Vec<layouts::LightStart> {
+/// Where the iteration's light points lie; nowhere if nothing shines. y0's light is chosen; of the others each has one, or, in a pool,
+/// they are chosen at even steps from there.
+fn light_starts(lights: &LightTable, sampler: &Sampler, plan: &FramePlan) -> Vec<layouts::LightStart> {
     let first = sampler.get(Decision::Light);
-    let start = |n: u32| {
-        let light = lights.choose((first + n as f32 / count as f32).fract())?;
-        Some(layouts::LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 })
-    };
-    (0..count).filter_map(start).collect()
+    let start = |n: u32, light: u32| layouts::LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 };
+    let chosen = |n: u32| lights.choose((first + n as f32 / plan.light_pool as f32).fract());
+    let pool = (0..plan.light_pool).filter_map(|n| Some(start(n, chosen(n)?)));
+    if plan.direct_lights == 0 {
+        return pool.collect();
+    }
+    // One of them at most has many points that matter, so they share their numbers.
+    let shine = |&light: &u32| lights.records[light as usize].probability > 0.0;
+    let others = (0..lights.count()).filter(|&light| Some(light) != chosen(0)).filter(shine);
+    pool.chain(others.map(|light| start(0, light))).collect()
 }

@@ -134,6 +134,12 @@ impl LightTable {
         self.finite.checked_sub(1).map_or(0.0, |last| self.sums[last])
     }
 
+    /// The sky, if it is one of them.
+    #[must_use]
+    pub fn sky(&self) -> Option<&LightRecord> {
+        self.records.last().filter(|light| light.kind == SKY)
+    }
+
     /// Number of lights that shine.
     #[must_use]
     pub fn count(&self) -> u32 {

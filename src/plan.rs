@@ -17,6 +17,9 @@ const MOST_LIGHT_VERTICES: u32 = 3;
 /// Where light comes from up to so many places, one light point an iteration is enough; beyond, direct light is chosen from a pool.
 const FEW_LIGHTS: usize = 16;
 
+/// Lights that can each have a light point in every iteration, and a view around it.
+const MOST_DIRECT_LIGHTS: usize = 4;
+
 /// Light points of the pool.
 const POOL: u32 = 16;
 
@@ -107,6 +110,9 @@ pub struct FramePlan {
     pub light_vertices: u32,
     /// Light points that direct light is chosen from; the first is the light vertex.
     pub light_pool: u32,
+    /// Lights that each have a light point for direct light in every iteration; 0: those of the pool are chosen, or y0's. Where the sky's
+    /// and the sun's takes turns, sums of few iterations have too much of one of them (README, "Cost of an iteration").
+    pub direct_lights: u32,
     /// How what pixels kept of the last iteration's pool is used again, if it is asked for.
     pub reuse: Option<RestirBias>,
     /// Whether lights are chosen for what they would give the view, or by power alone.
@@ -188,6 +194,16 @@ impl FramePlan {
         let resamples = sampling.is_some_and(LightSampling::resamples);
         let usual = if many_lights || resamples { POOL } else { 1 };
         let light_pool = if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(usual) };
+        // At most one of which is somewhere and needs its six faces drawn in every iteration.
+        let lights = stats.lights + usize::from(stats.environment);
+        let one_each = (2..=MOST_DIRECT_LIGHTS).contains(&lights)
+            && stats.emissive_triangles == 0
+            && stats.lamps <= 1
+            && light_vertices > 0
+            && !paper
+            && sampling.is_none()
+            && settings.light_pool.is_none();
+        let direct_lights = if one_each { lights as u32 } else { 0 };
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
         let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
@@ -277,6 +293,7 @@ impl FramePlan {
             light_flags,
             light_vertices,
             light_pool,
+            direct_lights,
             reuse: (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias),
             lights_for_view: many_lights && (sampling.is_none() || resamples),
             lit_from: LitFrom { near: stats.near_lights, afar: stats.far_lights },
@@ -305,7 +322,10 @@ impl FramePlan {
                 band_pixels: 0,
             },
             settles: settings.settles(),
-            clear_light: stats.one_sharp_light && light_pool == 1,
+            clear_light: stats.emissive_triangles == 0
+                && lights == stats.sharp_lights
+                && light_pool == 1
+                && (lights == 1 || one_each),
             filtered: settings.interleave > 1 && !settings.unfiltered,
             tamed: settings.tame_outliers && settings.is_live(),
             history: settings.history,
@@ -339,8 +359,8 @@ impl FramePlan {
         if self.shares_looks && !has_lens { 2 } else { 1 }
     }
 
-    /// Texels of each view: the light, the VPLs, the bundles, then one for the pool of light points, or, with reuse, one for each of
-    /// this iteration's pool and of the last one's.
+    /// Texels of each view: the light, the VPLs, the bundles, then one for each further light that has a point of its own, or one for the
+    /// pool of light points, or, with reuse, one for each of this iteration's pool and of the last one's.
     #[must_use]
     pub fn views(&self) -> Vec<Texels> {
         let mut views = Vec::new();
@@ -349,6 +369,7 @@ impl FramePlan {
             .extend((0..self.light_vertices).map(|s| if s == 0 { light } else { Texels::around(self.vpl_resolution) }));
         let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
         views.extend((0..self.bundles()).map(|_| bundle));
+        views.extend((1..self.direct_lights).map(|_| light));
         if self.has_pool() {
             let count = if self.reuses() { 2 * self.light_pool as usize - 1 } else { 1 };
             views.extend((0..count).map(|_| light));
@@ -374,10 +395,33 @@ impl FramePlan {
         self.reuse.is_some() && self.has_pool()
     }
 
+    /// Light points of an iteration: y0, and what else gives direct light.
+    #[must_use]
+    pub fn light_points(&self) -> u32 {
+        self.direct_lights.max(self.light_pool)
+    }
+
+    /// Light points that a connection joins one after the other; those of a pool are another pass's.
+    #[must_use]
+    pub fn points_joined(&self, connection: &Connection) -> u32 {
+        if connection.is_direct() { self.direct_lights.max(1) } else { 1 }
+    }
+
+    /// The view of the point on a light, if it is y0 or each light has one.
+    #[must_use]
+    pub fn light_view(&self, light: u32) -> usize {
+        if self.direct_lights > 0 && light > 0 { self.other_lights_view() + light as usize - 1 } else { 0 }
+    }
+
+    /// The first view that is there for light points other than y0.
+    fn other_lights_view(&self) -> usize {
+        self.light_vertices as usize + self.bundles()
+    }
+
     /// The first view that is there for the pool's light points alone.
     #[must_use]
     pub fn pool_view(&self) -> Option<usize> {
-        self.has_pool().then(|| self.light_vertices as usize + self.bundles())
+        self.has_pool().then(|| self.other_lights_view())
     }
 
     /// Which view each light point of the pool has; with reuse, then those of the last iteration's. The first is y0's; without reuse the
@@ -429,9 +473,10 @@ impl FramePlan {
         self.fast && self.light_vertices > 0
     }
 
-    /// Whether the n-th view is that of a light vertex or one of the pool's light points.
-    fn is_around_light(&self, n: usize) -> bool {
-        n < self.light_vertices as usize || self.pool_view().is_some_and(|first| n >= first)
+    /// Whether the n-th view is that of a light vertex or another light point.
+    #[must_use]
+    pub fn is_around_light(&self, n: usize) -> bool {
+        n < self.light_vertices as usize || n >= self.other_lights_view()
     }
 
     /// Outlines that the n-th view keeps of so many triangles: of all, if it ever looks along one direction.
@@ -548,7 +593,10 @@ impl FramePlan {
         let [bands, clear_bands] = self.grid.regions();
         // Of the pool's light points, whose view is filled again for each band, unless each has one of its own.
         let around_pool = if self.reuses() { 1 } else { bands } * (self.light_pool - 1);
-        let around_lights = subpaths * self.light_vertices + if self.has_pool() { around_pool } else { 0 };
+        let around_pool = if self.has_pool() { around_pool } else { 0 };
+        // Those without extent are kept.
+        let around_others = (self.direct_lights.saturating_sub(stats.sharp_lights as u32)).saturating_sub(1);
+        let around_lights = subpaths * (self.light_vertices + around_others) + around_pool;
         let views = if self.rays { 0 } else { around_lights + subpaths * self.bundles() as u32 };
         let maps = if self.has_depth_maps() { around_lights } else { 0 };
         pass(
@@ -566,7 +614,7 @@ impl FramePlan {
             views - maps,
             match (self.rays, maps) {
                 (true, _) => "ray queries answer",
-                (_, 0) => "each view; the light's own is kept while a light without extent stays the same",
+                (_, 0) => "each view; a light's own is kept while a light without extent stays the same",
                 _ => "the bundles",
             }
             .to_owned(),
@@ -575,7 +623,7 @@ impl FramePlan {
             "depth_maps",
             maps,
             if self.fast {
-                "around light vertices; the light's own is kept while a light without extent stays the same"
+                "around light vertices; a light's own is kept while a light without extent stays the same"
             } else {
                 "only `fast` has them"
             }
@@ -584,7 +632,11 @@ impl FramePlan {
         pass(
             "light_point",
             if self.light_vertices > 0 { subpaths } else { 0 },
-            if self.light_vertices > 0 { "where the light subpath starts" } else { NO_LIGHT }.to_owned(),
+            match (self.light_vertices, self.direct_lights) {
+                (0, _) => NO_LIGHT.to_owned(),
+                (_, 0) => "where the light subpath starts".to_owned(),
+                (_, n) => format!("where the light subpath starts; {n} lights, each with a point for direct light"),
+            },
         );
         pass(
             "rsm",
@@ -614,7 +666,7 @@ impl FramePlan {
             self.connections
                 .iter()
                 .filter(|c| !(self.has_pool() && c.is_direct()))
-                .map(|c| if self.is_apart(c) { clear_bands } else { bands })
+                .map(|c| self.points_joined(c) * if self.is_apart(c) { clear_bands } else { bands })
                 .sum(),
             if self.light_vertices == 0 {
                 NO_LIGHT.to_owned()
@@ -638,6 +690,7 @@ impl FramePlan {
             if self.has_pool() { bands * (self.light_pool + 1) } else { 0 },
             match (self.light_pool, self.light_vertices) {
                 (_, 0) => NO_LIGHT.to_owned(),
+                (1, _) if self.direct_lights > 0 => "few lights: each has a light point".to_owned(),
                 (1, _) if !self.has_pool() => "few lights: one light point an iteration".to_owned(),
                 (n, _) => format!("direct light, (1, 2): a choice among {n} light points, then a test for each"),
             },

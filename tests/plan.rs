@@ -44,8 +44,10 @@ fn with(strategies: Strategies, bounces: u32) -> Settings {
 /// Of a scene with few lights.
 fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = plan_of(stats, settings);
-    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * plan.connections.len() as u32);
-    assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32);
+    let joined: u32 = plan.connections.iter().map(|c| plan.points_joined(c)).sum();
+    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * joined);
+    let others = plan.direct_lights.saturating_sub(1);
+    assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32 + others);
     plan
 }
 
@@ -281,6 +283,38 @@ fn many_triangles_share_a_look() {
     assert_eq!(looks(1025, &base, &lens), 1);
     assert_eq!(looks(1025, &Settings { history: 2, ..base.clone() }, &pinhole), 1);
     assert_eq!(looks(1025, &Settings { width: 128, ..base }, &pinhole), 1);
+}
+
+/// Two to four lights give direct light in every iteration, unless drawing what they see costs too much.
+#[test]
+fn few_lights_have_a_point_each() {
+    let of = |stats: SceneStats| plan(&stats, &bounces(2));
+    let lamps = |lights, sharp_lights| SceneStats { lights, sharp_lights, lamps: lights - sharp_lights, ..one_light() };
+    for (stats, direct, setups) in [
+        (lamps(1, 1), 0, 5),
+        (lamps(2, 2), 2, 5),
+        (lamps(4, 4), 4, 5),
+        (lamps(5, 5), 0, 5),
+        (lamps(2, 1), 2, 5),
+        (lamps(2, 0), 0, 5),
+        (SceneStats { emissive_triangles: 2, ..lamps(2, 2) }, 0, 6),
+        (SceneStats { environment: true, far_lights: true, ..lamps(1, 1) }, 2, 6),
+        // A sun and a sky.
+        (SceneStats { environment: true, far_lights: true, near_lights: false, lamps: 0, ..lamps(1, 0) }, 2, 7),
+        (SceneStats { environment: true, far_lights: true, ..dark() }, 0, 6),
+    ] {
+        let plan = of(stats.clone());
+        assert_eq!((plan.direct_lights, runs(&plan, "view_setup")), (direct, setups), "{stats:?}");
+        let direct = plan.connections.iter().filter(|c| c.is_direct()).map(|c| plan.points_joined(c));
+        assert_eq!(direct.collect::<Vec<_>>(), [plan.direct_lights.max(1)]);
+        let views: Vec<_> = (0..plan.direct_lights).map(|light| plan.light_view(light)).collect();
+        assert!(views.iter().enumerate().all(|(n, &view)| plan.is_around_light(view) && !views[..n].contains(&view)));
+    }
+    let power = Settings { light_sampling: Some(LightSampling::Power), ..bounces(2) };
+    assert_eq!(plan(&lamps(2, 2), &power).direct_lights, 0, "one is chosen where that is asked for");
+    assert_eq!(plan(&lamps(2, 2), &with(Strategies::Paper, 2)).direct_lights, 0);
+    // Lights without extent have no noise that a filter should take away.
+    assert!(of(lamps(2, 2)).clear_light && !of(lamps(2, 1)).clear_light && !plan(&lamps(2, 2), &power).clear_light);
 }
 
 #[test]

@@ -247,6 +247,14 @@ fn emitters_that_can_be_met_agree_with_the_reference() {
         ("shining ceiling", shining(false, false)),
         ("shining ceiling and lamp", shining(true, true)),
         ("sky", sky(Vec3::new(0.3, 0.5, 0.9), Scene { lights: Vec::new(), ..plates() })),
+        ("sky and lamp", sky(Vec3::new(0.3, 0.5, 0.9), plates())),
+        ("sky, sun and lamp", {
+            let direction = Vec3::new(-0.6, -0.7, -0.3).normalize();
+            let sun = Light::Sun { direction, irradiance: Vec3::new(1.0, 1.5, 2.0), angle: 0.1, of_sky: true };
+            let mut scene = sky(Vec3::new(0.3, 0.5, 0.9), plates());
+            scene.lights.push(sun);
+            scene
+        }),
         ("sky, shining ceiling and lamp", sky(Vec3::new(0.3, 0.5, 0.9), shining(false, true))),
         ("Cornell box under a constant sky", {
             let mut scene = builtin::load("cornell_env").unwrap();

@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
@@ -271,7 +272,7 @@ impl Job<'_> {
         let stats = Stats {
             demands: demands
                 .map(|(i, (&[items, nodes], texels))| Demand {
-                    view: view_name(i, plan.light_vertices as usize, plan.pool_view()),
+                    view: view_name(i, plan),
                     resolution: texels.resolution,
                     items,
                     nodes,
@@ -524,13 +525,15 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Views come around the light, around the VPLs, then the bundles, then around a pool's light points.
-fn view_name(index: usize, light_vertices: usize, pool: Option<usize>) -> String {
+/// What a view of the plan is there for.
+fn view_name(index: usize, plan: &FramePlan) -> String {
+    let light_vertices = plan.light_vertices as usize;
     match index {
         0 if light_vertices > 0 => "light".to_owned(),
-        i if pool.is_some_and(|first| i >= first) => "light pool".to_owned(),
         i if i < light_vertices => format!("vpl {i}"),
-        i => format!("bundle {}", i - light_vertices + 1),
+        i if !plan.is_around_light(i) => format!("bundle {}", i - light_vertices + 1),
+        _ if plan.has_pool() => "light pool".to_owned(),
+        i => format!("light {}", i - light_vertices - plan.bundles() + 2),
     }
 }
 
@@ -602,8 +605,17 @@ mod tests {
 
     #[test]
     fn views_are_named_in_the_plan_s_order() {
-        let names: Vec<_> = (0..7).map(|i| view_name(i, 3, Some(5))).collect();
-        assert_eq!(names, ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2", "light pool", "light pool"]);
-        assert_eq!(view_name(0, 0, None), "bundle 1");
+        let names = |stats: &SceneStats, settings: &Settings| -> Vec<_> {
+            let plan = FramePlan::new(stats, settings, &Capabilities::default());
+            (0..plan.views().len()).map(|i| view_name(i, &plan)).collect()
+        };
+        let lamp = SceneStats { lights: 1, near_lights: true, ..Default::default() };
+        let settings = Settings { bounces: 2, ..Settings::default() };
+        assert_eq!(names(&lamp, &settings), ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2"]);
+        let pool = Settings { light_pool: Some(4), ..settings.clone() };
+        assert_eq!(names(&lamp, &pool)[4..], ["bundle 2", "light pool"]);
+        let lamps = SceneStats { lights: 3, ..lamp };
+        assert_eq!(names(&lamps, &settings)[4..], ["bundle 2", "light 2", "light 3"]);
+        assert_eq!(names(&SceneStats::default(), &settings), [""; 0]);
     }
 }

@@ -7,6 +7,8 @@ use crate::gpu_scene::GpuScene;
 use crate::layouts;
 use crate::view::ViewBuffers;
 
+const POINT_BYTES: u64 = size_of::<layouts::LightPoint>() as u64;
+
 /// The pass.
 pub struct LightPoint {
     compute: Compute,
@@ -15,6 +17,8 @@ pub struct LightPoint {
     views: wgpu::Buffer,
     /// The light points; the first is y0.
     pub points: wgpu::Buffer,
+    /// One of the others, where a pass needs it alone.
+    other: Option<wgpu::Buffer>,
 }
 
 impl LightPoint {
@@ -27,7 +31,8 @@ impl LightPoint {
             count,
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
             views: gpu.upload("light_views", &vec![view; count as usize]),
-            points: gpu.storage("light_points", u64::from(count) * size_of::<layouts::LightPoint>() as u64),
+            points: gpu.storage("light_points", u64::from(count) * POINT_BYTES),
+            other: (count > 1).then(|| gpu.storage("light_point", POINT_BYTES)),
         }
     }
 
@@ -46,6 +51,13 @@ impl LightPoint {
             ("light_views", self.views.as_entire_binding()),
         ]);
         self.compute.record(gpu, encoder, [self.count, 1], &bindings);
+    }
+
+    /// The n-th light point as a uniform, until the next one is asked for.
+    pub fn point(&self, encoder: &mut wgpu::CommandEncoder, n: usize) -> &wgpu::Buffer {
+        let Some(other) = self.other.as_ref().filter(|_| n > 0) else { return &self.points };
+        encoder.copy_buffer_to_buffer(&self.points, n as u64 * POINT_BYTES, other, 0, POINT_BYTES);
+        other
     }
 
     /// Points a view where the n-th light point looks, in all directions or from infinitely far away.

@@ -18,8 +18,10 @@ pub struct SceneStats {
     pub materials: usize,
     /// Point, spot and directional lights that shine.
     pub lights: usize,
-    /// Whether one of them is all that shines, and has no extent: direct light is the same for every light point.
-    pub one_sharp_light: bool,
+    /// Those of them that have no extent: direct light is the same for every point on them.
+    pub sharp_lights: usize,
+    /// Those that are somewhere and have one.
+    pub lamps: usize,
     /// Whether any of them has a pattern.
     pub patterns: bool,
     /// Places that light comes from: cells of a grid of 8 x 8 x 8 over the scene's box that hold any, and each direction from infinitely
@@ -89,10 +91,8 @@ impl SceneStats {
             vertices: geometry.vertices.len(),
             materials: scene.materials.len(),
             lights: scene.lights.len(),
-            one_sharp_light: scene.lights.len() == 1
-                && scene.lights[0].is_sharp()
-                && scene.environment.is_none()
-                && !scene.materials.iter().any(shining),
+            sharp_lights: scene.lights.iter().filter(|l| l.is_sharp()).count(),
+            lamps: scene.lights.iter().filter(|l| !l.is_sharp() && l.position().is_some()).count(),
             patterns: !scene.patterns.is_empty(),
             light_places: cells.len() + far + usize::from(scene.environment.is_some()),
             near_lights: !cells.is_empty(),
