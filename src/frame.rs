@@ -581,12 +581,12 @@ impl Frame {
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
             if self.scratch.as_ref().is_some_and(|scratch| items > scratch.item_room) {
-                self.scratch = Some(ViewScratch::new(gpu, items + items / 2));
+                self.scratch = Some(ViewScratch::new(gpu, items + items / 8));
                 grown = true;
             }
             if nodes > view.node_room {
                 let outlines = self.plan.outlines(n, u64::from(scene.triangles));
-                *view = ViewBuffers::new(gpu, outlines, view.texels, nodes + nodes / 2, self.plan.answers(n));
+                *view = ViewBuffers::new(gpu, outlines, view.texels, nodes + nodes / 8, self.plan.answers(n));
                 grown = true;
             }
         }

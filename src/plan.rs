@@ -204,13 +204,15 @@ impl FramePlan {
             && sampling.is_none()
             && settings.light_pool.is_none();
         let direct_lights = if one_each { lights as u32 } else { 0 };
+        let unmet =
+            |k: u32| k > 1 && k == bounces && light_vertices > 1 && settings.strategies == Strategies::All;
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
         let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
             std::array::from_fn(|i| {
                 let s = i as u32;
                 let takes_part = s <= most
-                    && (s > 0 || shines)
+                    && (s > 0 || shines && !unmet(k))
                     && match settings.strategies {
                         Strategies::All | Strategies::Bundle => true,
                         Strategies::Vpl => s == most,

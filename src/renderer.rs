@@ -294,7 +294,7 @@ impl<'gpu> Renderer<'gpu> {
             let limit = self.gpu.capabilities.max_storage_bytes;
             for (n, (&[_, nodes], texels)) in needed.iter().zip(&self.plan.views()).enumerate() {
                 let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
-                let bytes = 4 * (texels.lists() + node_words * (u64::from(nodes) + u64::from(nodes) / 2));
+                let bytes = 4 * (texels.lists() + node_words * (u64::from(nodes) + u64::from(nodes) / 8));
                 if bytes > limit {
                     let resolution = texels.resolution;
                     return Err(RenderError::Setting(format!(
