@@ -102,6 +102,7 @@ impl Frame {
             (false, true) => &["FAST"],
             (false, false) => &[],
         };
+        let along: &[&str] = if plan.rays { &[] } else { &["OUTLINES"] };
 
         let strategy = |samples: [u32; 4], s, j, clear: bool| {
             let uniform = gpu.uniform::<layouts::Strategy>("strategy");
@@ -125,13 +126,12 @@ impl Frame {
         };
         let pooled = |c: &Connection| plan.has_pool() && c.is_direct();
         let connections = plan.connections.iter();
-        let connections = connections
-            .map(|c| {
-                let constants = (0..plan.points_joined(c)).map(|_| strategy(c.samples, c.s, c.j, plan.is_clear(c)));
-                (*c, constants.collect(), (!pooled(c)).then(|| connect(c)))
-            });
+        let connections = connections.map(|c| {
+            let constants = (0..plan.points_joined(c)).map(|_| strategy(c.samples, c.s, c.j, plan.is_clear(c)));
+            (*c, constants.collect(), (!pooled(c)).then(|| connect(c)))
+        });
         let extend = |e: &Extension| {
-            let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility].concat());
+            let flags = with(&[if e.meets { plan.light_flags.as_slice() } else { &[] }, visibility, along].concat());
             Extend::new(gpu, &flags, e.last)
         };
         let extensions = plan.extensions.iter().map(|e| (strategy(e.samples, 0, e.j, false), extend(e)));
@@ -176,7 +176,7 @@ impl Frame {
             eye_vertices: EyeVertices::new(gpu, &with(&[met, plan.settle_flags()].concat())),
             connections: connections.collect(),
             extensions: extensions.collect(),
-            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(visibility))),
+            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[visibility, along].concat()))),
             accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags(), reuse].concat()),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
@@ -650,7 +650,8 @@ fn with_numbers(seen: &layouts::Frame, sampler: &Sampler) -> layouts::Frame {
 /// they are chosen at even steps from there.
 fn light_starts(lights: &LightTable, sampler: &Sampler, plan: &FramePlan) -> Vec<layouts::LightStart> {
     let first = sampler.get(Decision::Light);
-    let start = |n: u32, light: u32| layouts::LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 };
+    let start =
+        |n: u32, light: u32| layouts::LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 };
     let chosen = |n: u32| lights.choose((first + n as f32 / plan.light_pool as f32).fract());
     let pool = (0..plan.light_pool).filter_map(|n| Some(start(n, chosen(n)?)));
     if plan.direct_lights == 0 {

@@ -204,8 +204,9 @@ impl FramePlan {
             && sampling.is_none()
             && settings.light_pool.is_none();
         let direct_lights = if one_each { lights as u32 } else { 0 };
-        let unmet =
-            |k: u32| k > 1 && k == bounces && light_vertices > 1 && settings.strategies == Strategies::All;
+        // Light that is met after the last of several bounces takes a bundle and a third of all look-ups for what light subpaths find as well
+        // (README, "Cost of an iteration").
+        let unmet = |k: u32| k > 1 && k == bounces && light_vertices > 1 && settings.strategies == Strategies::All;
         // A path of k bounces has strategies s = 0 ... min(light vertices, k + 1).
         let allowed = |k: u32| -> [u32; 4] {
             let most = light_vertices.min(k + 1);
@@ -366,7 +367,7 @@ impl FramePlan {
     #[must_use]
     pub fn views(&self) -> Vec<Texels> {
         let mut views = Vec::new();
-        let light = Texels { faces: if self.lit_from.near { 6 } else { 1 }, ..Texels::around(self.light_resolution) };
+        let light = Texels { faces: self.light_faces(), ..Texels::around(self.light_resolution) };
         views
             .extend((0..self.light_vertices).map(|s| if s == 0 { light } else { Texels::around(self.vpl_resolution) }));
         let bundle = Texels { resolution: self.bundle_resolution, faces: 1, slabs: self.bundle_slabs };
@@ -395,6 +396,11 @@ impl FramePlan {
     #[must_use]
     pub fn reuses(&self) -> bool {
         self.reuse.is_some() && self.has_pool()
+    }
+
+    /// Faces of a view around a light point.
+    fn light_faces(&self) -> u32 {
+        if self.lit_from.near { 6 } else { 1 }
     }
 
     /// Light points of an iteration: y0, and what else gives direct light.
@@ -481,12 +487,11 @@ impl FramePlan {
         n < self.light_vertices as usize || n >= self.other_lights_view()
     }
 
-    /// Outlines that the n-th view keeps of so many triangles: of all, if it ever looks along one direction.
+    /// Outlines that the n-th view keeps of so many triangles: of all, if it is a bundle. Connections to light from infinitely far away,
+    /// one for a pixel, make those that they need.
     #[must_use]
     pub fn outlines(&self, n: usize, triangles: u64) -> u64 {
-        let is_vpl = (1..self.light_vertices as usize).contains(&n);
-        let parallel = !is_vpl && (!self.is_around_light(n) || self.lit_from.afar);
-        if parallel && !self.rays { triangles } else { 0 }
+        if self.rays || self.is_around_light(n) { 0 } else { triangles }
     }
 
     /// What answers for the n-th view.
@@ -714,7 +719,8 @@ impl FramePlan {
             bands * self.extensions.len() as u32,
             if meets {
                 let directions = if self.sky_bundles { ", along directions from where the sky is bright" } else { "" };
-                format!("{} bounces and the light beyond them{directions}", settings.bounces)
+                let beyond = if self.extensions.iter().any(|e| e.last) { "beyond them" } else { "between them" };
+                format!("{} bounces and the light {beyond}{directions}", settings.bounces)
             } else if self.extensions.is_empty() {
                 "nothing joins or is met beyond z1".to_owned()
             } else {
@@ -788,9 +794,10 @@ impl fmt::Display for FramePlan {
         )?;
         writeln!(
             f,
-            "views          bundles {}^2 x {}, light 6 x {}^2, VPLs 6 x {}^2, {}",
+            "views          bundles {}^2 x {}, light {} x {}^2, VPLs 6 x {}^2, {}",
             self.bundle_resolution,
             self.bundle_slabs,
+            self.light_faces(),
             self.light_resolution,
             self.vpl_resolution,
             if self.rays {

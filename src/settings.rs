@@ -254,8 +254,8 @@ pub struct Settings {
     /// [default: 1 for raster and twin, 2 for ray-query and path]
     #[arg(long, value_name = "B", allow_negative_numbers = true)]
     pub beta: Option<f32>,
-    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of raster, twin and path [default: power; tree for
-    /// ray-query and path where more than one light is somewhere]
+    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of raster, twin and path [default: power, and direct
+    /// light of each in raster and twin where there are two to four; tree for ray-query and path where more than one light is somewhere]
     #[arg(long, value_enum)]
     pub light_sampling: Option<LightSampling>,
     /// How `--light-sampling restir` weights what it reuses

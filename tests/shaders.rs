@@ -96,6 +96,7 @@ fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
         .copied()
         .filter(|f| *f != "SPECULAR" && (mirrors || *f != "TRANSMISSION"))
         .filter(|f| pass == "list_lengths" || *f != "WALKED")
+        .filter(|f| *f != "OUTLINES")
         .collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
     let few = |bits: &u32| bits.count_ones().min(flags.len() as u32 - bits.count_ones()) <= FEW;
@@ -104,6 +105,8 @@ fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .map(|mut set| {
             set.extend(set.contains(&"GLOSSY").then_some("SPECULAR").filter(|_| mirrors));
+            let along = matches!(pass, "extend" | "list_lengths" | "queries") && !set.contains(&"RAY_QUERY");
+            set.extend(along.then_some("OUTLINES"));
             set
         })
         .filter(|set| sensible(pass, set))

@@ -8,10 +8,10 @@ use crate::view::ViewBuffers;
 pub struct Queries(Compute);
 
 impl Queries {
-    /// Builds the pipeline.
+    /// Builds the pipeline, for views that keep outlines.
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[&str]) -> Self {
-        Self(Compute::new(gpu, "queries", "queries", flags))
+        Self(Compute::new(gpu, "queries", "queries", &[flags, &["OUTLINES"]].concat()))
     }
 
     /// Records `count` questions; answers are two words each (see the shader).
