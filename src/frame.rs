@@ -159,8 +159,15 @@ impl Frame {
             drawn_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, true, true)),
             view_lists: rasterized.then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
-            light_point: (plan.light_vertices > 0)
-                .then(|| LightPoint::new(gpu, &with(&plan.light_flags), plan.light_points(), plan.light_resolution)),
+            light_point: (plan.light_vertices > 0).then(|| {
+                LightPoint::new(
+                    gpu,
+                    &with(&plan.light_flags),
+                    plan.light_points(),
+                    plan.light_resolution,
+                    plan.direct_lights > 1,
+                )
+            }),
             light_pool: plan.has_pool().then(|| {
                 let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, reuse].concat()));
                 LightPool::new(gpu, &choosing, &testing, plan.pool_views().len() as u32, choices)

@@ -487,6 +487,19 @@ impl FramePlan {
         n < self.light_vertices as usize || n >= self.other_lights_view()
     }
 
+    /// What the n-th view is there for.
+    #[must_use]
+    pub fn view_name(&self, n: usize) -> String {
+        let light_vertices = self.light_vertices as usize;
+        match n {
+            0 if light_vertices > 0 => "light".to_owned(),
+            n if n < light_vertices => format!("vpl {n}"),
+            n if !self.is_around_light(n) => format!("bundle {}", n - light_vertices + 1),
+            _ if self.has_pool() => "light pool".to_owned(),
+            n => format!("light {}", n - self.other_lights_view() + 2),
+        }
+    }
+
     /// Outlines that the n-th view keeps of so many triangles: of all, if it is a bundle. Connections to light from infinitely far away,
     /// one for a pixel, make those that they need.
     #[must_use]

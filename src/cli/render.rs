@@ -10,7 +10,6 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::plan::FramePlan;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
@@ -272,7 +271,7 @@ impl Job<'_> {
         let stats = Stats {
             demands: demands
                 .map(|(i, (&[items, nodes], texels))| Demand {
-                    view: view_name(i, plan),
+                    view: plan.view_name(i),
                     resolution: texels.resolution,
                     items,
                     nodes,
@@ -525,18 +524,6 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// What a view of the plan is there for.
-fn view_name(index: usize, plan: &FramePlan) -> String {
-    let light_vertices = plan.light_vertices as usize;
-    match index {
-        0 if light_vertices > 0 => "light".to_owned(),
-        i if i < light_vertices => format!("vpl {i}"),
-        i if !plan.is_around_light(i) => format!("bundle {}", i - light_vertices + 1),
-        _ if plan.has_pool() => "light pool".to_owned(),
-        i => format!("light {}", i - light_vertices - plan.bundles() + 2),
-    }
-}
-
 /// Rounds of the reference until the time is used.
 fn render_rounds(reference: &Reference, settings: ReferenceSettings, seconds: f64, bar: &ProgressBar) -> Rounds {
     let clock = Clock::new(seconds);
@@ -601,21 +588,5 @@ mod tests {
         }
         assert_eq!(numbered(Path::new("a.b/c.d.exr"), 7), Path::new("a.b/c.d_0007.exr"));
         assert_eq!(numbered(Path::new("c.png"), 123_456), Path::new("c_123456.png"));
-    }
-
-    #[test]
-    fn views_are_named_in_the_plan_s_order() {
-        let names = |stats: &SceneStats, settings: &Settings| -> Vec<_> {
-            let plan = FramePlan::new(stats, settings, &Capabilities::default());
-            (0..plan.views().len()).map(|i| view_name(i, &plan)).collect()
-        };
-        let lamp = SceneStats { lights: 1, near_lights: true, ..Default::default() };
-        let settings = Settings { bounces: 2, ..Settings::default() };
-        assert_eq!(names(&lamp, &settings), ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2"]);
-        let pool = Settings { light_pool: Some(4), ..settings.clone() };
-        assert_eq!(names(&lamp, &pool)[4..], ["bundle 2", "light pool"]);
-        let lamps = SceneStats { lights: 3, ..lamp };
-        assert_eq!(names(&lamps, &settings)[4..], ["bundle 2", "light 2", "light 3"]);
-        assert_eq!(names(&SceneStats::default(), &settings), [""; 0]);
     }
 }

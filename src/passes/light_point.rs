@@ -22,9 +22,9 @@ pub struct LightPoint {
 }
 
 impl LightPoint {
-    /// Builds the pipeline, for views of a resolution.
+    /// Builds the pipeline, for views of a resolution. `alone`: whether a pass needs others than y0 one by one.
     #[must_use]
-    pub fn new(gpu: &Gpu, flags: &[&str], count: u32, resolution: u32) -> Self {
+    pub fn new(gpu: &Gpu, flags: &[&str], count: u32, resolution: u32, alone: bool) -> Self {
         let view = layouts::View { resolution, slabs: 1, ..Default::default() };
         Self {
             compute: Compute::new(gpu, "light_point", "light_point", flags),
@@ -32,7 +32,7 @@ impl LightPoint {
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
             views: gpu.upload("light_views", &vec![view; count as usize]),
             points: gpu.storage("light_points", u64::from(count) * POINT_BYTES),
-            other: (count > 1).then(|| gpu.storage("light_point", POINT_BYTES)),
+            other: alone.then(|| gpu.storage("light_point", POINT_BYTES)),
         }
     }
 
