@@ -34,7 +34,7 @@ use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
 use crate::settings::{RestirBias, Settings};
-use crate::view::{ViewBuffers, ViewScratch, parallel};
+use crate::view::{ViewBuffers, ViewScratch, parallel, room_for};
 
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
@@ -588,12 +588,12 @@ impl Frame {
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
             if self.scratch.as_ref().is_some_and(|scratch| items > scratch.item_room) {
-                self.scratch = Some(ViewScratch::new(gpu, items + items / 8));
+                self.scratch = Some(ViewScratch::new(gpu, room_for(items)));
                 grown = true;
             }
             if nodes > view.node_room {
                 let outlines = self.plan.outlines(n, u64::from(scene.triangles));
-                *view = ViewBuffers::new(gpu, outlines, view.texels, nodes + nodes / 8, self.plan.answers(n));
+                *view = ViewBuffers::new(gpu, outlines, view.texels, room_for(nodes), self.plan.answers(n));
                 grown = true;
             }
         }
@@ -664,7 +664,7 @@ fn light_starts(lights: &LightTable, sampler: &Sampler, plan: &FramePlan) -> Vec
     if plan.direct_lights == 0 {
         return pool.collect();
     }
-    // One of them at most has many points that matter, so they share their numbers.
+    // What they give is summed, so they may share their numbers.
     let shine = |&light: &u32| lights.records[light as usize].probability > 0.0;
     let others = (0..lights.count()).filter(|&light| Some(light) != chosen(0)).filter(shine);
     pool.chain(others.map(|light| start(0, light))).collect()

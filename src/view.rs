@@ -10,6 +10,12 @@ use crate::layouts;
 /// Bytes of a triangle's outline (shaders/lib/seen.wesl).
 pub const OUTLINE_BYTES: u64 = 40;
 
+/// Room that is made where so much was wanted.
+#[must_use]
+pub const fn room_for(wanted: u64) -> u64 {
+    wanted + wanted / 8
+}
+
 /// Texels of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Texels {
