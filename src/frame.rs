@@ -102,6 +102,7 @@ impl Frame {
             (false, true) => &["FAST"],
             (false, false) => &[],
         };
+        let afar: &[&str] = if plan.lit_from.afar && !plan.rays { &["AFAR"] } else { &[] };
         let along: &[&str] = if plan.rays { &[] } else { &["OUTLINES"] };
 
         let strategy = |samples: [u32; 4], s, j, clear: bool| {
@@ -121,7 +122,7 @@ impl Frame {
         let sent: &[&str] = &sent.copied().collect::<Vec<_>>();
         let rsm: &[&str] = if plan.rsm { &["RSM"] } else { &[] };
         let connect = |c: &Connection| {
-            let from_y0 = if c.s == 1 { [rsm, sent].concat() } else { Vec::new() };
+            let from_y0 = if c.s == 1 { [rsm, sent, afar].concat() } else { Vec::new() };
             Connect::new(gpu, &with(&[visibility, &from_y0].concat()), c.s, c.clamped)
         };
         let pooled = |c: &Connection| plan.has_pool() && c.is_direct();
@@ -169,12 +170,19 @@ impl Frame {
                 )
             }),
             light_pool: plan.has_pool().then(|| {
-                let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, reuse].concat()));
+                let (choosing, testing) = (with(&[sent, reuse].concat()), with(&[visibility, afar, reuse].concat()));
                 LightPool::new(gpu, &choosing, &testing, plan.pool_views().len() as u32, choices)
             }),
             light_reuse: plan.reuse.filter(|_| plan.reuses()).map(|bias| {
                 let (points, pixels) = (plan.light_pool, u64::from(size[0]) * u64::from(size[1]));
-                LightReuse::new(gpu, &with(sent), &with(visibility), points, pixels, bias == RestirBias::Biased)
+                LightReuse::new(
+                    gpu,
+                    &with(sent),
+                    &with(&[visibility, afar].concat()),
+                    points,
+                    pixels,
+                    bias == RestirBias::Biased,
+                )
             }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, sent].concat()))),
             light_subpath: (plan.light_vertices > 1)

@@ -70,6 +70,9 @@ fn sensible(pass: &str, set: &[&str]) -> bool {
         && !(has("REUSE") && has("LAYERED"))
         && (pass != "light_reuse" || has("REUSE"))
         && (!has("TRANSMISSION") || has("SPECULAR"))
+        // Rays go anywhere, VPLs are somewhere.
+        && !(has("AFAR") && (has("RAY_QUERY") || has("CHOOSE")))
+        && (!has("AFAR") || has("LIGHT") || pass != "connect")
         // Entries are counted where somebody reads the count.
         && has("WALKED") == (pass == "list_lengths")
         // Layers are not summed, and have no tiles that settle.
@@ -86,6 +89,9 @@ fn follows_mirrors(pass: &str) -> bool {
 /// flags at most, and needs one more for another.
 const FEW: u32 = 3;
 
+/// Passes that ask views around light vertices which are infinitely far away, or may be.
+const ASKS_LIGHTS: [&str; 4] = ["connect", "light_pool", "light_reuse", "queries"];
+
 /// All sensible subsets, or those of them with few flags on, or few off.
 fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
     // Reached by imports alone; no set with it is sensible. SPECULAR comes with GLOSSY.
@@ -96,7 +102,7 @@ fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
         .copied()
         .filter(|f| *f != "SPECULAR" && (mirrors || *f != "TRANSMISSION"))
         .filter(|f| pass == "list_lengths" || *f != "WALKED")
-        .filter(|f| *f != "OUTLINES")
+        .filter(|f| *f != "OUTLINES" && (ASKS_LIGHTS.contains(&pass) || *f != "AFAR"))
         .collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
     let few = |bits: &u32| bits.count_ones().min(flags.len() as u32 - bits.count_ones()) <= FEW;

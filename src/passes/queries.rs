@@ -11,7 +11,7 @@ impl Queries {
     /// Builds the pipeline, for views that keep outlines.
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[&str]) -> Self {
-        Self(Compute::new(gpu, "queries", "queries", &[flags, &["OUTLINES"]].concat()))
+        Self(Compute::new(gpu, "queries", "queries", &[flags, &["OUTLINES", "AFAR"]].concat()))
     }
 
     /// Records `count` questions; answers are two words each (see the shader).
