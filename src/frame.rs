@@ -34,13 +34,12 @@ use crate::plan::{Connection, Extension, FramePlan};
 use crate::sampler::{Decision, Sampler, uniform_sphere};
 use crate::scene::Camera;
 use crate::settings::{RestirBias, Settings};
-use crate::view::{ViewBuffers, ViewScratch, parallel, room_for};
+use crate::view::{Answers, ViewBuffers, ViewScratch, parallel, room_for};
 
 /// Pipelines and buffers of an iteration.
 pub struct Frame {
     plan: FramePlan,
     view_setup: Option<ViewSetup>,
-    drawn_setup: Option<ViewSetup>,
     view_lists: Option<ViewLists>,
     depth_maps: Option<DepthMaps>,
     light_point: Option<LightPoint>,
@@ -156,8 +155,7 @@ impl Frame {
         let met: &[_] = if plan.camera_meets { &plan.light_flags } else { &[] };
         let rasterized = !plan.rays && !views.is_empty();
         let frame = Self {
-            view_setup: rasterized.then(|| ViewSetup::new(gpu, false, plan.fast)),
-            drawn_setup: plan.has_depth_maps().then(|| ViewSetup::new(gpu, true, true)),
+            view_setup: rasterized.then(|| ViewSetup::new(gpu, plan.fast)),
             view_lists: rasterized.then(|| ViewLists::new(gpu, plan.fast)),
             depth_maps: plan.has_depth_maps().then(|| DepthMaps::new(gpu, &surface)),
             light_point: (plan.light_vertices > 0).then(|| {
@@ -201,7 +199,10 @@ impl Frame {
             looked: Cell::new(None),
             seen: layouts::Frame::default(),
             pixels,
-            scratch: rasterized.then(|| ViewScratch::new(gpu, plan.item_room(u64::from(scene.triangles), limit))),
+            scratch: rasterized.then(|| {
+                let triangles = u64::from(scene.triangles);
+                ViewScratch::new(gpu, plan.item_room(triangles, limit), plan.scratch_words(triangles, limit))
+            }),
             light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
             log: gpu.storage("log", 8 + 8 * fills as u64),
             demands,
@@ -338,7 +339,7 @@ impl Frame {
             for (n, &layouts::LightStart { light, .. }) in with_view.iter().enumerate() {
                 let (view, record) = (self.plan.light_view(light), &lights.records[light as usize]);
                 if self.lights_in_views[view] != Some(light) {
-                    pass.look(encoder, n as u32, record.is_infinite(), &self.views[view]);
+                    pass.look(encoder, n as u32, &self.views[view]);
                     self.fill(gpu, encoder, scene, view, view);
                     self.lights_in_views[view] = record.is_fixed().then_some(light);
                 }
@@ -353,7 +354,7 @@ impl Frame {
                 self.count_lights(gpu, lights);
             }
             if self.light_reuse.is_some() {
-                (1..self.starts.len()).for_each(|n| self.look_around(gpu, encoder, scene, pass, lights, n));
+                (1..self.starts.len()).for_each(|n| self.look_around(gpu, encoder, scene, pass, n));
             }
         }
 
@@ -395,7 +396,7 @@ impl Frame {
             self.gbuffer.record(gpu, encoder, scene, self.pixels.first(0).frame);
         }
         for band in self.pixels.bands(class) {
-            self.follow(gpu, encoder, scene, &band, started, lights);
+            self.follow(gpu, encoder, scene, &band, started);
             if counts {
                 self.keep(gpu, encoder, &band);
             }
@@ -477,7 +478,6 @@ impl Frame {
         scene: &GpuScene,
         band: &Band,
         started: Option<&LightPoint>,
-        lights: &LightTable,
     ) {
         self.meet(gpu, encoder, scene, band);
         if let Some(pass) = &self.list_lengths {
@@ -490,7 +490,7 @@ impl Frame {
             for (connection, strategies, pass) in connections {
                 match (pass, &self.light_pool, started) {
                     (None, Some(pool), Some(light_point)) => {
-                        self.shine(gpu, encoder, scene, band, light_point, pool, &strategies[0], lights);
+                        self.shine(gpu, encoder, scene, band, light_point, pool, &strategies[0]);
                     }
                     _ => self.join(gpu, encoder, scene, band, (connection, strategies, pass.as_ref()), started),
                 }
@@ -508,12 +508,10 @@ impl Frame {
         encoder: &mut wgpu::CommandEncoder,
         scene: &GpuScene,
         light_point: &LightPoint,
-        lights: &LightTable,
         n: usize,
     ) {
         let (views, Some(first)) = (self.plan.pool_views(), self.plan.pool_view()) else { return };
-        let infinite = lights.records[self.starts[n].light as usize].is_infinite();
-        light_point.look(encoder, n as u32, infinite, &self.views[views[n]]);
+        light_point.look(encoder, n as u32, &self.views[views[n]]);
         self.fill(gpu, encoder, scene, views[n], first + n - 1);
     }
 
@@ -528,14 +526,13 @@ impl Frame {
         light_point: &LightPoint,
         pool: &LightPool,
         strategy: &wgpu::Buffer,
-        lights: &LightTable,
     ) {
         let (views, reuse) = (self.plan.pool_views(), self.light_reuse.as_ref());
         let sites = reuse.map(|reuse| &reuse.sites);
         pool.choose(gpu, encoder, scene, band, strategy, &light_point.points, sites);
         for (n, &view) in views.iter().enumerate().take(self.starts.len()) {
             if n > 0 && reuse.is_none() {
-                self.look_around(gpu, encoder, scene, light_point, lights, n);
+                self.look_around(gpu, encoder, scene, light_point, n);
             }
             pool.test(gpu, encoder, scene, band, n, &self.views[view], sites);
         }
@@ -554,15 +551,10 @@ impl Frame {
             return;
         };
         view.reset(encoder, scratch);
-        match (&view.depth_map, &self.drawn_setup, &self.depth_maps) {
-            (Some(map), Some(setup), Some(pass)) => {
-                setup.record(gpu, encoder, scene, view, scratch);
-                pass.record(gpu, encoder, scene, view, scratch, map);
-            }
-            _ => {
-                setup.record(gpu, encoder, scene, view, scratch);
-                lists.record(gpu, encoder, scene, view, scratch);
-            }
+        setup.record(gpu, encoder, scene, view, scratch);
+        lists.record(gpu, encoder, scene, view, scratch);
+        if let Some(map) = self.depth_maps.as_ref().filter(|_| view.answers == Answers::DepthMap) {
+            map.record(gpu, encoder, scene, view, scratch);
         }
         let at = (demand * size_of::<layouts::Demand>()) as u64;
         encoder.copy_buffer_to_buffer(&scratch.tally, 0, &self.demands, at, 4 * ViewScratch::WANTED);
@@ -592,18 +584,27 @@ impl Frame {
 
     /// Makes room where a batch wanted more; `needed` holds items and nodes per view.
     pub fn grow(&mut self, gpu: &Gpu, scene: &GpuScene, needed: &[[u32; 2]]) {
+        let Some(scratch) = &mut self.scratch else { return };
+        let (mut item_room, mut list_words) = (scratch.item_room, scratch.list_words);
         let mut grown = false;
         for (n, (view, &[items, nodes])) in self.views.iter_mut().zip(needed).enumerate() {
             let (items, nodes) = (u64::from(items), u64::from(nodes));
-            if self.scratch.as_ref().is_some_and(|scratch| items > scratch.item_room) {
-                self.scratch = Some(ViewScratch::new(gpu, room_for(items)));
-                grown = true;
+            if items > item_room {
+                item_room = room_for(items);
             }
-            if nodes > view.node_room {
+            if nodes > view.node_room && view.answers == Answers::DepthMap {
+                view.node_room = room_for(nodes);
+                list_words = list_words.max(self.plan.list_words(view.texels, view.node_room));
+                grown = true;
+            } else if nodes > view.node_room {
                 let outlines = self.plan.outlines(n, u64::from(scene.triangles));
-                *view = ViewBuffers::new(gpu, outlines, view.texels, room_for(nodes), self.plan.answers(n));
+                *view = ViewBuffers::new(gpu, outlines, view.texels, room_for(nodes), view.answers);
                 grown = true;
             }
+        }
+        if [item_room, list_words] != [scratch.item_room, scratch.list_words] {
+            *scratch = ViewScratch::new(gpu, item_room, list_words);
+            grown = true;
         }
         if grown {
             self.forget_lights();

@@ -449,11 +449,7 @@ impl FramePlan {
     #[must_use]
     pub fn item_room(&self, triangles: u64, limit: u64) -> u64 {
         // Lists need none for small triangles.
-        match (self.rays || self.views().is_empty(), self.has_depth_maps()) {
-            (true, _) => 0,
-            (false, true) => (triangles * 2 + 1024).min(limit / 16),
-            (false, false) => (triangles / 4 + 1024).min(limit / 16),
-        }
+        if self.rays || self.views().is_empty() { 0 } else { (triangles / 4 + 1024).min(limit / 16) }
     }
 
     /// Nodes that a view starts with room for; it grows likewise.
@@ -464,9 +460,28 @@ impl FramePlan {
         }
         // Seen in Sponza (bundles 0.5 to 9 nodes a triangle, maps from inside 0.5 to 8) and the Cornell box (1.6 and 1.3 a texel).
         let count = texels.count();
-        let guess = if texels.faces == 1 { 2 * count + 8 * triangles } else { 3 * count / 2 + 6 * triangles };
+        let guess = match (self.fast, texels.faces) {
+            (false, 1) => 2 * count + 8 * triangles,
+            (false, _) => 3 * count / 2 + 6 * triangles,
+            // Only what covers a centre.
+            (true, _) => 2 * count + 4 * triangles,
+        };
         let guess = (guess as f64 * f64::from(self.list_room)) as u64;
         guess.max(1).min((limit / 4 - texels.lists()) / self.node_words())
+    }
+
+    /// Words of lists with room for so many nodes.
+    #[must_use]
+    pub fn list_words(&self, texels: Texels, nodes: u64) -> u64 {
+        Answers::Lists { node_words: self.node_words() }.words(texels, nodes)
+    }
+
+    /// Words of the lists that depth maps are made of, one after the other.
+    #[must_use]
+    pub fn scratch_words(&self, triangles: u64, limit: u64) -> u64 {
+        let views = self.views();
+        let maps = views.iter().enumerate().filter(|&(n, _)| self.answers(n) == Answers::DepthMap);
+        maps.map(|(_, &texels)| self.list_words(texels, self.node_room(triangles, texels, limit))).max().unwrap_or(0)
     }
 
     /// 32-bit words of a node.
@@ -563,7 +578,7 @@ impl FramePlan {
 
     fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let triangles = stats.triangle_room() as u64;
+        let (triangles, limit) = (stats.triangle_room() as u64, capabilities.max_storage_bytes);
         let live = self.is_live();
         let shared = live && self.glossy();
         let pool = if self.has_pool() { layouts::Choice::bytes(shared, self.reuses()) } else { 0 };
@@ -579,16 +594,11 @@ impl FramePlan {
             .iter()
             .enumerate()
             .map(|(n, &texels)| {
-                let nodes = self.node_room(triangles, texels, capabilities.max_storage_bytes);
-                let answers = match self.answers(n) {
-                    Answers::Lists { node_words } => 4 * (texels.lists() + nodes * node_words),
-                    Answers::DepthMap => 8 * texels.count(),
-                    Answers::Rays => return 0,
-                };
-                self.outlines(n, triangles) * OUTLINE_BYTES + answers
+                let nodes = self.node_room(triangles, texels, limit);
+                self.outlines(n, triangles) * OUTLINE_BYTES + 4 * self.answers(n).words(texels, nodes)
             })
             .sum();
-        image + views + 16 * self.item_room(triangles, capabilities.max_storage_bytes)
+        image + views + 16 * self.item_room(triangles, limit) + 4 * self.scratch_words(triangles, limit)
     }
 
     /// Bytes of layers, guides, histories and pictures.
@@ -631,11 +641,11 @@ impl FramePlan {
         );
         pass(
             "view_lists",
-            views - maps,
-            match (self.rays, maps) {
-                (true, _) => "ray queries answer",
-                (_, 0) => "each view; a light's own is kept while a light without extent stays the same",
-                _ => "the bundles",
+            views,
+            if self.rays {
+                "ray queries answer"
+            } else {
+                "each view; a light's own is kept while a light without extent stays the same"
             }
             .to_owned(),
         );

@@ -106,13 +106,6 @@ impl Prepared {
         let most = gpu.capabilities.max_storage_bytes;
         let kept = size_of::<PoolSite>() as u64;
         check_size(gpu, settings, if plan.reuses() { most / kept } else { u64::MAX })?;
-        let side = gpu.capabilities.max_texture_side;
-        let largest = plan.views().iter().map(|texels| texels.atlas(texels.faces)[0]).max().unwrap_or(1);
-        if largest > side {
-            return Err(RenderError::Setting(format!(
-                "a view of {largest} texels a side does not fit this device, whose limit is {side}"
-            )));
-        }
         let table = LightTable::new(scene, &geometry, if plan.starts_from_met { Met::All } else { Met::Never });
         let even = settings.light_sampling == Some(LightSampling::Uniform);
         Ok(Self { geometry, camera, plan, lights: if even { table.even() } else { table } })

@@ -1,6 +1,4 @@
-//! A view's buffers: where it looks, its triangles' outlines, its draw items and its lists (shaders/lib/view.wesl).
-
-use std::cell::Cell;
+//! A view's buffers: where it looks, its triangles' outlines, and its lists or depth map (shaders/lib/view.wesl).
 
 use glam::Vec3;
 
@@ -45,12 +43,6 @@ impl Texels {
     pub fn lists(self) -> u64 {
         self.count() * u64::from(self.slabs)
     }
-
-    /// Pixels of an atlas that holds so many faces: those of a cube lie in three columns and two rows.
-    #[must_use]
-    pub fn atlas(self, faces: u32) -> [u32; 2] {
-        if faces == 6 { [3 * self.resolution, 2 * self.resolution] } else { [self.resolution; 2] }
-    }
 }
 
 /// What answers for a view.
@@ -61,31 +53,20 @@ pub enum Answers {
         /// Words of a node.
         node_words: u64,
     },
-    /// A depth map.
+    /// A depth map: the nearest triangle of each texel, all ones bits where there is none (shaders/depth_maps.wesl).
     DepthMap,
     /// Ray queries: nothing is kept beside the place and direction.
     Rays,
 }
 
-/// The nearest triangle of each texel and its depth (shaders/lib/depth_map.wesl).
-pub struct DepthMap {
-    /// Triangle; all ones bits where there is none.
-    pub triangles: wgpu::TextureView,
-    /// Depth, as `stored_depth` has it; only the pass that fills the map reads it.
-    pub depths: wgpu::TextureView,
-}
-
-impl DepthMap {
-    /// Format of the triangles.
-    pub const TRIANGLES: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
-    /// Format of the depths.
-    pub const DEPTHS: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
-
-    fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
-        let read = wgpu::TextureUsages::TEXTURE_BINDING;
-        Self {
-            triangles: gpu.target("depth map triangles", size, Self::TRIANGLES, read),
-            depths: gpu.target("depth map depths", size, Self::DEPTHS, wgpu::TextureUsages::empty()),
+impl Answers {
+    /// Words that are kept for a view with room for so many nodes.
+    #[must_use]
+    pub fn words(self, texels: Texels, node_room: u64) -> u64 {
+        match self {
+            Self::Lists { node_words } => texels.lists() + node_words * node_room,
+            Self::DepthMap => texels.count(),
+            Self::Rays => 0,
         }
     }
 }
@@ -94,34 +75,36 @@ impl DepthMap {
 pub struct ViewScratch {
     /// Items that fit.
     pub item_room: u64,
+    /// Words of the lists.
+    pub list_words: u64,
     /// What triangles may touch (shaders/lib/items.wesl).
     pub items: wgpu::Buffer,
-    /// How many items and nodes there are; and the indirect draw of the items.
+    /// How many items and nodes there are.
     pub tally: wgpu::Buffer,
-    empty: wgpu::Buffer,
+    /// Lists that a depth map is made of.
+    lists: wgpu::Buffer,
 }
 
 impl ViewScratch {
-    /// Where the indirect draw is in the tally.
-    pub const DRAW: u64 = 8;
-    /// Words of the tally that say what was wanted: items and nodes.
+    /// Words of the tally: items and nodes.
     pub const WANTED: u64 = 2;
 
-    /// Allocates room for so many items.
+    /// Allocates room for so many items, and lists of so many words.
     #[must_use]
-    pub fn new(gpu: &Gpu, item_room: u64) -> Self {
+    pub fn new(gpu: &Gpu, item_room: u64, list_words: u64) -> Self {
         Self {
             item_room,
+            list_words,
             items: gpu.storage("items", item_room * 16),
-            tally: gpu.storage("tally", 32),
-            empty: gpu.upload("empty tally", &[0_u32, 0, 0, 1, 0, 0, 0, 0]),
+            tally: gpu.storage("tally", 4 * Self::WANTED),
+            lists: gpu.storage("scratch lists", 4 * list_words),
         }
     }
 
     /// Bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.items.size() + self.tally.size()
+        self.items.size() + self.tally.size() + self.lists.size()
     }
 }
 
@@ -129,37 +112,29 @@ impl ViewScratch {
 pub struct ViewBuffers {
     /// What it is made of.
     pub texels: Texels,
-    /// Faces of what it looks at now.
-    looks_at: Cell<u32>,
+    /// What answers for it.
+    pub answers: Answers,
     /// Nodes that fit.
     pub node_room: u64,
     /// Where it looks: a `View`.
     pub view: wgpu::Buffer,
     /// Corners of each triangle as it sees them, where it may look along one direction.
     pub outlines: wgpu::Buffer,
-    /// Heads, then nodes; nothing where there is a depth map.
+    /// Heads, then nodes; or the depth map.
     pub lists: wgpu::Buffer,
-    /// Instead of lists.
-    pub depth_map: Option<DepthMap>,
 }
 
 impl ViewBuffers {
     /// Allocates a view with the given room.
     #[must_use]
     pub fn new(gpu: &Gpu, outlines: u64, texels: Texels, node_room: u64, answers: Answers) -> Self {
-        let (list_words, depth_map) = match answers {
-            Answers::Lists { node_words } => (texels.lists() + node_words * node_room, None),
-            Answers::DepthMap => (0, Some(DepthMap::new(gpu, texels.atlas(texels.faces)))),
-            Answers::Rays => (0, None),
-        };
         let out = Self {
             texels,
-            looks_at: Cell::new(texels.faces),
+            answers,
             node_room,
             view: gpu.storage("view", size_of::<layouts::View>() as u64),
             outlines: gpu.storage("outlines", outlines.max(1) * OUTLINE_BYTES),
-            lists: gpu.storage("lists", 4 * list_words),
-            depth_map,
+            lists: gpu.storage("lists", 4 * answers.words(texels, node_room)),
         };
         out.look(gpu, &layouts::View { kind: layouts::View::EMPTY, exclude: u32::MAX, ..Default::default() });
         out
@@ -167,50 +142,37 @@ impl ViewBuffers {
 
     /// Points the view somewhere; its resolution and slabs are filled in.
     pub fn look(&self, gpu: &Gpu, view: &layouts::View) {
-        self.looks(if view.kind == layouts::View::PARALLEL { 1 } else { self.texels.faces });
         let Texels { resolution, slabs, .. } = self.texels;
         let view = layouts::View { resolution, slabs, ..*view };
         gpu.queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
     }
 
-    /// Says how many faces it has now, where a pass points it somewhere.
-    pub fn looks(&self, faces: u32) {
-        self.looks_at.set(faces);
-    }
-
-    /// Pixels of the atlas that holds the faces.
+    /// Where its triangles are listed.
     #[must_use]
-    pub fn atlas(&self) -> [u32; 2] {
-        self.texels.atlas(self.looks_at.get())
+    pub fn listed_in<'a>(&'a self, scratch: &'a ViewScratch) -> &'a wgpu::Buffer {
+        if self.answers == Answers::DepthMap { &scratch.lists } else { &self.lists }
     }
 
     /// Records that the lists and the tally start empty.
     pub fn reset(&self, encoder: &mut wgpu::CommandEncoder, scratch: &ViewScratch) {
-        if self.depth_map.is_none() {
-            encoder.clear_buffer(&self.lists, 0, Some(4 * self.texels.lists()));
-        }
-        encoder.copy_buffer_to_buffer(&scratch.empty, 0, &scratch.tally, 0, 32);
+        encoder.clear_buffer(self.listed_in(scratch), 0, Some(4 * self.texels.lists()));
+        encoder.clear_buffer(&scratch.tally, 0, None);
     }
 
     /// Bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        [&self.view, &self.outlines, &self.lists].iter().map(|b| b.size()).sum::<u64>()
-            + if self.depth_map.is_some() { 8 * self.texels.count() } else { 0 }
+        [&self.view, &self.outlines, &self.lists].iter().map(|b| b.size()).sum()
     }
 
     /// The bindings of group 2 (shaders/visibility/raster.wesl).
     #[must_use]
-    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
-        let mut out = vec![
+    pub fn bindings(&self) -> [(&str, wgpu::BindingResource<'_>); 3] {
+        [
             ("view", self.view.as_entire_binding()),
             ("lists", self.lists.as_entire_binding()),
             ("outlines", self.outlines.as_entire_binding()),
-        ];
-        if let Some(map) = &self.depth_map {
-            out.push(("map_triangles", wgpu::BindingResource::TextureView(&map.triangles)));
-        }
-        out
+        ]
     }
 }
 

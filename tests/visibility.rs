@@ -99,8 +99,7 @@ struct World<'a> {
     radius: f32,
     /// To views that have lists, and to those with depth maps.
     queries: [Queries; 2],
-    /// Of views that have lists, and of those with depth maps.
-    setups: [ViewSetup; 2],
+    setup: ViewSetup,
     lists: ViewLists,
     maps: DepthMaps,
 }
@@ -124,7 +123,7 @@ impl<'a> World<'a> {
             radius: stats.radius,
             queries: [Queries::new(gpu, &flags), Queries::new(gpu, &[flags.as_slice(), &["MAP"]].concat())],
             maps: DepthMaps::new(gpu, &plan.surface_flags),
-            setups: [ViewSetup::new(gpu, false, fast), ViewSetup::new(gpu, true, fast)],
+            setup: ViewSetup::new(gpu, fast),
             lists: ViewLists::new(gpu, fast),
             plan,
             reference,
@@ -149,36 +148,31 @@ impl<'a> World<'a> {
     fn fill_texels(&self, look: &layouts::View, texels: Texels) -> (ViewBuffers, u32) {
         let limit = self.gpu.capabilities.max_storage_bytes;
         let triangles = u64::from(self.scene.triangles);
-        let mut scratch = ViewScratch::new(self.gpu, self.plan.item_room(triangles, limit));
+        let answers = match texels.faces {
+            6 if self.plan.fast => Answers::DepthMap,
+            _ => Answers::Lists { node_words: self.plan.node_words() },
+        };
+        let mut items = self.plan.item_room(triangles, limit);
         let mut room = self.plan.node_room(triangles, texels, limit);
         loop {
-            let answers = match texels.faces {
-                6 if self.plan.fast => Answers::DepthMap,
-                _ => Answers::Lists { node_words: self.plan.node_words() },
-            };
+            let words = if answers == Answers::DepthMap { self.plan.list_words(texels, room) } else { 0 };
+            let scratch = ViewScratch::new(self.gpu, items, words);
             let view = ViewBuffers::new(self.gpu, triangles, texels, room, answers);
             view.look(self.gpu, look);
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
             view.reset(&mut encoder, &scratch);
-            self.setups[usize::from(view.depth_map.is_some())].record(
-                self.gpu,
-                &mut encoder,
-                &self.scene,
-                &view,
-                &scratch,
-            );
-            match &view.depth_map {
-                Some(map) => self.maps.record(self.gpu, &mut encoder, &self.scene, &view, &scratch, map),
-                None => self.lists.record(self.gpu, &mut encoder, &self.scene, &view, &scratch),
+            self.setup.record(self.gpu, &mut encoder, &self.scene, &view, &scratch);
+            self.lists.record(self.gpu, &mut encoder, &self.scene, &view, &scratch);
+            if answers == Answers::DepthMap {
+                self.maps.record(self.gpu, &mut encoder, &self.scene, &view, &scratch);
             }
             self.gpu.queue.submit([encoder.finish()]);
             let tally: Vec<u32> = read_back(self.gpu, &scratch.tally, ViewScratch::WANTED as usize).unwrap();
-            let [items, nodes] = [tally[0], tally[1]].map(u64::from);
-            if items <= scratch.item_room && nodes <= view.node_room {
+            let [wanted, nodes] = [tally[0], tally[1]].map(u64::from);
+            if wanted <= items && nodes <= room {
                 return (view, tally[1]);
             }
-            scratch = ViewScratch::new(self.gpu, items.max(scratch.item_room));
-            room = room.max(nodes);
+            (items, room) = (items.max(wanted), room.max(nodes));
         }
     }
 
@@ -187,7 +181,7 @@ impl<'a> World<'a> {
         let count = questions.len();
         let asked = self.gpu.upload("questions", questions);
         let answers = self.gpu.storage("answers", count as u64 * 8);
-        let queries = &self.queries[usize::from(view.depth_map.is_some())];
+        let queries = &self.queries[usize::from(view.answers == Answers::DepthMap)];
         let mut began = Instant::now();
         for n in 0..3 {
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
@@ -207,7 +201,7 @@ impl<'a> World<'a> {
         let asked = self.gpu.upload("questions", questions);
         let answers = self.gpu.storage("answers", count as u64 * 8);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let queries = &self.queries[usize::from(view.depth_map.is_some())];
+        let queries = &self.queries[usize::from(view.answers == Answers::DepthMap)];
         queries.record(self.gpu, &mut encoder, &self.scene, view, count as u32, &asked, &answers);
         self.gpu.queue.submit([encoder.finish()]);
         read_back(self.gpu, &answers, count).unwrap()

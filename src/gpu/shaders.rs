@@ -17,8 +17,6 @@ modules!(
     "lib/camera",
     "lib/choice",
     "lib/control",
-    "lib/depth_map",
-    "lib/drawn",
     "lib/emission",
     "lib/eye",
     "lib/film",

@@ -61,9 +61,8 @@ impl LightPoint {
     }
 
     /// Points a view where the n-th light point looks, in all directions or from infinitely far away.
-    pub fn look(&self, encoder: &mut wgpu::CommandEncoder, n: u32, infinite: bool, view: &ViewBuffers) {
+    pub fn look(&self, encoder: &mut wgpu::CommandEncoder, n: u32, view: &ViewBuffers) {
         let size = size_of::<layouts::View>() as u64;
         encoder.copy_buffer_to_buffer(&self.views, u64::from(n) * size, &view.view, 0, size);
-        view.looks(if infinite { 1 } else { 6 });
     }
 }

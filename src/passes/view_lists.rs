@@ -32,7 +32,7 @@ impl ViewLists {
             ("view", view.view.as_entire_binding()),
             ("items", scratch.items.as_entire_binding()),
             ("tally", scratch.tally.as_entire_binding()),
-            ("lists", view.lists.as_entire_binding()),
+            ("lists", view.listed_in(scratch).as_entire_binding()),
         ]);
         let groups = scene.triangles.clamp(1, GROUPS);
         self.0.record(gpu, encoder, [64 * groups, 1], &bindings);

@@ -11,15 +11,10 @@ use crate::view::{ViewBuffers, ViewScratch};
 pub struct ViewSetup(Compute);
 
 impl ViewSetup {
-    /// Builds the pipeline for views whose items are `drawn` (depth maps), or listed, for exact or `fast` visibility.
+    /// Builds the pipeline for exact or `fast` visibility.
     #[must_use]
-    pub fn new(gpu: &Gpu, drawn: bool, fast: bool) -> Self {
-        let flags: &[&str] = match (drawn, fast) {
-            (true, _) => &["DRAWN"],
-            (false, true) => &["FAST"],
-            (false, false) => &[],
-        };
-        Self(Compute::new(gpu, "view_setup", "view_setup", flags))
+    pub fn new(gpu: &Gpu, fast: bool) -> Self {
+        Self(Compute::new(gpu, "view_setup", "view_setup", if fast { &["FAST"] } else { &[] }))
     }
 
     /// Records the pass for one view.
@@ -36,7 +31,7 @@ impl ViewSetup {
             ("outlines", view.outlines.as_entire_binding()),
             ("items", scratch.items.as_entire_binding()),
             ("tally", scratch.tally.as_entire_binding()),
-            ("lists", view.lists.as_entire_binding()),
+            ("lists", view.listed_in(scratch).as_entire_binding()),
         ]);
         self.0.record(gpu, encoder, rows(scene.triangles), &bindings);
     }
