@@ -852,6 +852,29 @@ fn wrong_answers_are_found() {
     assert!(along.share() < 0.2 && edges.share() < 0.2, "{along:?} {edges:?}");
 }
 
+/// A ray passes beside triangles that cover its texel's centre, and may never meet the plane of one that is seen edge-on.
+#[test]
+fn fast_hits_lie_in_the_scene() {
+    let Some(gpu) = common::gpu() else { return };
+    let scene = displaced_room(60_000);
+    let world = World::new(gpu, &scene, true);
+    let points = Points::new(world.geometry());
+    let mut random = Random(11);
+    let mut hits = 0;
+    for _ in 0..16 {
+        let look = parallel(uniform_sphere(random.pair()), world.scene.bounds, 0.0, Some(random.pair()), 128);
+        let (view, _) = world.fill(&look, 128);
+        let asked: Vec<Point> = (0..20_000).map(|_| points.draw(&mut random)).collect();
+        let questions: Vec<_> = asked.iter().map(|p| query(p.position, p.triangle, false)).collect();
+        for answer in world.ask(&view, &questions).iter().filter(|answer| answer[0] != NONE) {
+            let distance = f32::from_bits(answer[1]);
+            assert!(distance <= 2.0 * world.radius, "{distance} m away in a scene of radius {}", world.radius);
+            hits += 1;
+        }
+    }
+    assert!(hits > 100_000, "only {hits} hits");
+}
+
 #[test]
 #[ignore = "minutes: the long table"]
 fn table() {
