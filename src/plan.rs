@@ -287,7 +287,10 @@ impl FramePlan {
         let bundle_slabs =
             if fast { 1 } else { (4 * stats.triangles / bundle_texels).clamp(1, 16).next_power_of_two() as u32 };
         let vpl_resolution = settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0));
-        let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, 512, 1.5));
+        // Of a pool of light points each is asked by few pixels, and its map made for them alone. Exact answers stay the same.
+        let pooled = light_pool > 1 || sampling == Some(LightSampling::Restir);
+        let finest = if pooled && !fast { 64 } else { 512 };
+        let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, finest, 1.5));
 
         let rays = settings.method == Method::Twin;
         let mut plan = Self {

@@ -440,6 +440,14 @@ fn bytes_grow_with_what_is_asked_for() {
         (0..3).all(|i| coarse[i] < fine[i] && fine[i] <= finest[i] && finest[i] <= 1024),
         "{coarse:?} {fine:?} {finest:?}"
     );
+    // But the maps of a pool, each asked by few pixels, only where their resolution is part of the answer.
+    let pooled = |settings: Settings| {
+        let stats = SceneStats { mean_triangle_size: 0.0, ..one_light() };
+        plan_of(&stats, &Settings { light_pool: Some(8), ..settings }).light_resolution
+    };
+    let fast = Settings { visibility: Visibility::Fast, ..Settings::default() };
+    assert_eq!([pooled(Settings::default()), pooled(fast)], [64, finest[1]]);
     // What the user asks for stands.
     assert_eq!(plan(&one_light(), &base).bundle_resolution, 128);
+    assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::default() }), 256);
 }
