@@ -592,14 +592,16 @@ impl Frame {
             if items > item_room {
                 item_room = room_for(items);
             }
-            if nodes > view.node_room && view.answers == Answers::DepthMap {
+            if nodes <= view.node_room {
+                continue;
+            }
+            grown = true;
+            if view.answers == Answers::DepthMap {
                 view.node_room = room_for(nodes);
                 list_words = list_words.max(self.plan.list_words(view.texels, view.node_room));
-                grown = true;
-            } else if nodes > view.node_room {
+            } else {
                 let outlines = self.plan.outlines(n, u64::from(scene.triangles));
                 *view = ViewBuffers::new(gpu, outlines, view.texels, room_for(nodes), view.answers);
-                grown = true;
             }
         }
         if [item_room, list_words] != [scratch.item_room, scratch.list_words] {

@@ -288,8 +288,8 @@ impl FramePlan {
             if fast { 1 } else { (4 * stats.triangles / bundle_texels).clamp(1, 16).next_power_of_two() as u32 };
         let vpl_resolution = settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0));
         // Of a pool of light points each is asked by few pixels, and its map made for them alone. Exact answers stay the same.
-        let pooled = light_pool > 1 || sampling == Some(LightSampling::Restir);
-        let finest = if pooled && !fast { 64 } else { 512 };
+        let reuse = (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias);
+        let finest = if (light_pool > 1 || reuse.is_some()) && !fast { 64 } else { 512 };
         let light_resolution = settings.light_resolution.unwrap_or_else(|| fitting(64, finest, 1.5));
 
         let rays = settings.method == Method::Twin;
@@ -300,7 +300,7 @@ impl FramePlan {
             light_vertices,
             light_pool,
             direct_lights,
-            reuse: (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias),
+            reuse,
             lights_for_view: many_lights && (sampling.is_none() || resamples),
             lit_from: LitFrom { near: stats.near_lights, afar: stats.far_lights },
             starts_from_met,

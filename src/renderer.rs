@@ -16,7 +16,7 @@ use crate::posing::Posing;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, Settings, Strategies};
 use crate::tiles::{self, Settled};
-use crate::view::{Answers, room_for};
+use crate::view::room_for;
 
 /// Iterations between looks at the log.
 const BATCH: u32 = 8;
@@ -285,9 +285,8 @@ impl<'gpu> Renderer<'gpu> {
                 return Ok(());
             }
             let limit = self.gpu.capabilities.max_storage_bytes;
-            for (n, (&[_, nodes], texels)) in needed.iter().zip(&self.plan.views()).enumerate() {
-                let Answers::Lists { node_words } = self.plan.answers(n) else { continue };
-                let bytes = 4 * (texels.lists() + node_words * room_for(u64::from(nodes)));
+            for (&[_, nodes], texels) in needed.iter().zip(self.plan.views()) {
+                let bytes = 4 * self.plan.list_words(texels, room_for(u64::from(nodes)));
                 if bytes > limit {
                     let resolution = texels.resolution;
                     return Err(RenderError::Setting(format!(
