@@ -141,6 +141,7 @@ pub mod rest;
 pub mod sampler;
 pub mod scene;
 pub mod settings;
+pub mod staging;
 pub mod stress;
 pub mod tiles;
 pub mod view;

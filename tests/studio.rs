@@ -86,7 +86,7 @@ fn settings(method: Method) -> Settings {
 fn order(method: Method) -> Order {
     Order {
         number: 0,
-        source: Source { spec: "builtin:cornell_point".to_owned(), environment: EnvironmentChange::default() },
+        source: Source { spec: "builtin:cornell_point".to_owned(), staging: Staging::default() },
         pose: None,
         camera: None,
         edits: Edits::default(),
@@ -151,7 +151,7 @@ fn pictures_are_those_of_a_renderer_from_everywhere_and_under_every_light() {
 fn surfaces_are_refined_for_whoever_looks() {
     let Some(gpu) = common::gpu() else { return };
     let mut scene = builtin::load("terrain").unwrap();
-    let source = Source { spec: "builtin:terrain".to_owned(), environment: EnvironmentChange::default() };
+    let source = Source { spec: "builtin:terrain".to_owned(), staging: Staging::default() };
     let home = Order { source, ..order(Method::Raster) };
     let mut bench = Bench::new(open);
     let number = bench.show(home.clone());
@@ -340,7 +340,7 @@ fn what_cannot_be_had_is_said_and_what_was_there_stays() {
     let mut bench = Bench::new(|| (None, Machine::default()));
     let number = bench.show(order(Method::Reference));
     bench.picture(number, 1);
-    let elsewhere = Source { spec: "no-such.glb".to_owned(), environment: EnvironmentChange::default() };
+    let elsewhere = Source { spec: "no-such.glb".to_owned(), staging: Staging::default() };
     bench.show(Order { source: elsewhere, ..order(Method::Reference) });
     assert!(matches!(bench.note("no-such.glb"), Note::NotLoaded(_)));
     let mut wrong = order(Method::Reference);
@@ -392,9 +392,8 @@ fn the_command_line_renders_what_is_shown() {
     std::fs::create_dir_all(&folder).unwrap();
     let launch = Launch {
         spec: "builtin:cornell_glossy".to_owned(),
-        environment: EnvironmentChange::default(),
+        staging: Staging::default(),
         settings: Settings { bounces: 1, seed: 3, ..Settings::default() },
-        camera: None,
         stand: None,
         fov: Some(50.0),
         animation: None,

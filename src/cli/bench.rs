@@ -11,8 +11,9 @@ use lightsheaf::bench::contender::{device, ours};
 use lightsheaf::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, race, truth};
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::report::{FILES, Machine, Report};
-use lightsheaf::scene::{self, Scene, Viewpoint};
+use lightsheaf::scene::{Scene, Viewpoint};
 use lightsheaf::settings::{BUDGETS, Method, Settings, UNLIMITED, parse_bounces};
+use lightsheaf::staging::{self, Staging};
 
 use super::output;
 
@@ -113,8 +114,9 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     let schedule = Schedule::new(args.budget, args.checkpoints, seeds);
     let bounces = Some(args.bounces).filter(|&b| b != UNLIMITED);
     let mut report = Report::new(command_line(), machine, schedule, bounces, args.targets.clone());
+    let staging = Staging { size: args.size.unwrap_or((1, 1)).into(), ..Staging::default() };
     for (spec, (reference, own)) in scenes.iter().zip(&references) {
-        let mut scene = scene::load(spec)?;
+        let mut scene = staging::load(spec, &staging)?;
         scene.viewpoint = args.size.map(|(width, height)| Viewpoint { camera: 0, size: [width, height] });
         for warning in &scene.warnings {
             eprintln!("warning: {spec}: {warning}");

@@ -100,6 +100,8 @@ struct Stats<'a> {
     /// What the file has: index, name, length.
     animations: &'a [String],
     warnings: &'a [String],
+    /// What was added to the scene.
+    notes: &'a [String],
     settings: &'a Settings,
 }
 
@@ -460,6 +462,7 @@ impl Job<'_> {
             frame: self.frame,
             animations: self.animations,
             warnings: &self.scene.warnings,
+            notes: &self.scene.notes,
             settings: self.settings,
         }
     }

@@ -3,8 +3,9 @@
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
-use lightsheaf::scene::{self, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
+use lightsheaf::scene::{EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
+use lightsheaf::staging::{self, CameraChoice, Staging};
 
 /// Scene, camera and settings.
 #[derive(clap::Args)]
@@ -16,7 +17,8 @@ pub struct ViewArgs {
     pub size: Option<(u32, u32)>,
     #[command(flatten)]
     pub settings: Settings,
-    /// A camera of the scene by its name or its index from 0 [default: the first]
+    /// A camera of the scene by its name or its index from 0, or `auto`: one that is chosen, as for scenes without a camera
+    /// [default: the first]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = CAMERA)]
     pub camera: Option<String>,
     /// Stand here instead, in metres
@@ -35,8 +37,9 @@ pub struct ViewArgs {
     /// An animation of the scene by its name or its index from 0, for --at and --frames [default: the first]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = ANIMATION)]
     pub animation: Option<String>,
-    /// An equirectangular image (.hdr, .exr) in place of the scene's environment, or sky:ELEVATION[,TURBIDITY]: a clear sky with
-    /// the sun at that many degrees above the horizon of +Z, and turbidity 1 to 10 [default: 3], over a grey ground
+    /// An equirectangular image (.hdr, .exr) in place of the scene's environment; sky:ELEVATION[,TURBIDITY]: a clear sky with
+    /// the sun at that many degrees above the horizon of +Z, and turbidity 1 to 10 [default: 3], over a grey ground; studio: soft
+    /// light from three sides; or none [default: studio, or sky and sun, where the scene has no light that shows it]
     #[arg(long, value_name = "FILE", allow_hyphen_values = true, help_heading = ENVIRONMENT)]
     pub env: Option<String>,
     /// Multiply the environment's radiance, whether it is the scene's own or --env, and a sky's sun with it
@@ -82,7 +85,19 @@ impl ViewArgs {
         }
         // Before a large scene is loaded for nothing.
         settings.check()?;
-        Ok((scene::load_under(&self.scene, &self.environment()?)?, settings))
+        let staging = self.staging([settings.width, settings.height])?;
+        Ok((staging::load(&self.scene, &staging)?, settings))
+    }
+
+    /// What is asked for in place of the scene's camera and light, for an image of a size.
+    pub fn staging(&self, size: [u32; 2]) -> Result<Staging> {
+        let camera = match self.camera.as_deref() {
+            None => CameraChoice::First,
+            Some("auto") => CameraChoice::Auto,
+            Some(name) => CameraChoice::Named(name.to_owned()),
+        };
+        let stand = self.eye.zip(self.target).map(|(eye, target)| [eye, target]);
+        Ok(Staging { environment: self.environment()?, camera, stand, size })
     }
 
     /// The scene in the chosen animation at a time that `option` gave, in seconds.
@@ -109,7 +124,7 @@ impl ViewArgs {
     }
 
     /// What is asked for in place of the scene's environment.
-    pub fn environment(&self) -> Result<EnvironmentChange> {
+    fn environment(&self) -> Result<EnvironmentChange> {
         if let Some(scale) = self.env_scale.filter(|s| !(0.0..=1e6).contains(s)) {
             bail!("--env-scale {scale}: has to be 0 to 1000000");
         }
@@ -124,14 +139,12 @@ impl ViewArgs {
     }
 
     fn pick_camera(&self, scene: &Scene) -> Result<usize> {
-        let Some(wanted) = &self.camera else { return Ok(0) };
-        let named = scene.cameras.iter().position(|c| c.name == *wanted);
-        let numbered = || wanted.parse().ok().filter(|&i: &usize| i < scene.cameras.len());
-        if let Some(index) = named.or_else(numbered) {
-            return Ok(index);
-        }
-        let known: Vec<_> = scene.cameras.iter().enumerate().map(|(i, c)| format!("{i} `{}`", c.name)).collect();
-        bail!("--camera {wanted}: is not in the scene, which has {}", known.join(", "));
+        let staging = self.staging([1, 1])?;
+        staging.camera.index(&scene.cameras).ok_or_else(|| {
+            let known = scene.cameras.iter().enumerate().map(|(i, c)| format!("{i} `{}`", c.name));
+            let wanted = self.camera.as_deref().unwrap_or_default();
+            anyhow!("--camera {wanted}: is not in the scene, which has {}", known.collect::<Vec<_>>().join(", "))
+        })
     }
 
     fn pick_animation(&self, option: &str, scene: &Scene) -> Result<usize> {
@@ -178,10 +191,13 @@ pub fn animations(scene: &Scene) -> Vec<String> {
     all.map(|(i, a)| format!("{i} `{}` ({:.2} s)", a.name, a.seconds())).collect()
 }
 
-/// Says what a scene lacks or is not rendered as it should be.
+/// Says what a scene is not rendered as it should be, and what was added to it.
 pub fn warn(scene: &Scene) {
     for warning in &scene.warnings {
         eprintln!("warning: {warning}");
+    }
+    for note in &scene.notes {
+        eprintln!("note: {note}");
     }
 }
 

@@ -16,9 +16,8 @@ pub fn run(args: &ViewArgs) -> Result<()> {
     args.settings.check()?;
     let launch = Launch {
         spec: args.scene.clone(),
-        environment: args.environment()?,
+        staging: args.staging(args.size.unwrap_or(SIZE).into())?,
         settings: args.settings.clone(),
-        camera: args.camera.clone(),
         stand: args.eye.zip(args.target).map(|(eye, target)| Stand { eye, target }),
         fov: args.fov,
         animation: args.animation.clone(),

@@ -3,7 +3,6 @@
 use glam::{Vec2, Vec3};
 use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
-use super::bvh::NONE;
 use super::sampler::Sampler;
 use super::{Reference, ReferenceSettings};
 use crate::film::Film;
@@ -30,10 +29,7 @@ impl Reference<'_> {
         let look = |pixel: u32| {
             let at = Vec2::new((pixel % width) as f32, (pixel / width) as f32) + 0.5;
             let (origin, direction) = rays.ray(at, &mut Sampler::new(seed, pixel, 0));
-            let solid = |hit: &_| self.visible(hit, direction, 0);
-            let Some(hit) = self.bvh.closest(origin, direction, f32::INFINITY, NONE, solid) else {
-                return [[0.0; 3]; 3];
-            };
+            let Some(hit) = self.first_hit(origin, direction) else { return [[0.0; 3]; 3] };
             let surface = self.surfaces.at(&hit, direction);
             let wo = surface.frame.local(-direction);
             let albedo = self.surfaces.bsdf(&surface).map_or(Vec3::ZERO, |bsdf| bsdf.albedo(wo));

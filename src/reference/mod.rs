@@ -29,7 +29,7 @@ use glam::{Vec2, Vec3};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::film::Film;
-use crate::scene::{Camera, Geometry, Scene, Sides};
+use crate::scene::{Camera, Geometry, Material, Scene, Sides};
 
 use self::bvh::{Bvh, Hit, NONE};
 pub use self::features::Features;
@@ -188,6 +188,30 @@ impl<'s> Reference<'s> {
         let exclude = exclude.unwrap_or(NONE);
         let origin = self.step_off(origin, direction, exclude);
         self.bvh.closest(origin, direction, f32::INFINITY, exclude, |hit| self.surfaces.solid(hit))
+    }
+
+    /// What a camera at `origin` sees along a unit direction: as [`Self::closest_hit`], but through culled backs.
+    #[must_use]
+    pub fn first_hit(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
+        self.bvh.closest(origin, direction, f32::INFINITY, NONE, |hit| self.visible(hit, direction, 0))
+    }
+
+    /// Radiance that a surface sends back along a ray's direction by itself.
+    #[must_use]
+    pub fn emitted(&self, hit: &Hit, direction: Vec3) -> Vec3 {
+        self.surfaces.emitted(hit, self.normal(hit.triangle).dot(direction) < 0.0)
+    }
+
+    /// The material of a triangle.
+    #[must_use]
+    pub fn material(&self, triangle: u32) -> &Material {
+        self.surfaces.material(triangle)
+    }
+
+    /// The unit normal of a triangle, on the side from which its corners are counter-clockwise.
+    #[must_use]
+    pub fn normal(&self, triangle: u32) -> Vec3 {
+        self.surfaces.normals[triangle as usize]
     }
 
     /// Whether anything lies between two points, leaving out the triangles that they are on.

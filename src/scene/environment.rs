@@ -6,7 +6,7 @@ use glam::{Mat3, Vec3};
 
 use super::sky::ClearSky;
 use super::texture::linear_from_srgb;
-use super::{Light, LoadError, Scene};
+use super::{Light, LoadError, Scene, studio};
 
 /// Where the first and the last row of an equirectangular map lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +47,9 @@ pub struct Environment {
 /// What becomes of a scene's environment when it is loaded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EnvironmentChange {
-    /// In place of the scene's own: an image as [`EnvironmentMap::load`] reads it, or `sky:ELEVATION[,TURBIDITY]`, a [`ClearSky`]
-    /// whose sun stands so many degrees above the horizon in the direction of +Z.
+    /// In place of the scene's own: an image as [`EnvironmentMap::load`] reads it; `sky:ELEVATION[,TURBIDITY]`, a [`ClearSky`]
+    /// whose sun stands so many degrees above the horizon in the direction of +Z; `studio`, a photographer's studio for a camera that
+    /// looks along -Z ([`studio`]); or `none`.
     pub source: Option<String>,
     /// Multiplies the radiance.
     pub scale: Option<f32>,
@@ -57,6 +58,12 @@ pub struct EnvironmentChange {
 }
 
 impl EnvironmentChange {
+    /// Says whether no environment is asked for, nor light in its place.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.source.as_deref() == Some("none")
+    }
+
     /// Changes the environment, and the sun that belongs to it.
     ///
     /// # Errors
@@ -64,8 +71,10 @@ impl EnvironmentChange {
     pub fn apply(&self, scene: &mut Scene) -> Result<(), LoadError> {
         if let Some(source) = &self.source {
             scene.lights.retain(|light| !matches!(light, Light::Sun { of_sky: true, .. }));
-            let (map, sun) = match source.strip_prefix("sky:") {
-                Some(text) => {
+            let (map, sun) = match (source.as_str(), source.strip_prefix("sky:")) {
+                ("none", _) => (None, None),
+                ("studio", _) => (Some(studio::map()), None),
+                (_, Some(text)) => {
                     let sky = parse_sky(text).ok_or_else(|| {
                         LoadError::new(
                             source,
@@ -73,13 +82,16 @@ impl EnvironmentChange {
                              horizon and a turbidity of 1 to 10, such as sky:30,3",
                         )
                     })?;
-                    (sky.map(), Some(sky.sun()))
+                    (Some(sky.map()), Some(sky.sun()))
                 }
-                None => (EnvironmentMap::load(Path::new(source))?, None),
+                _ => (Some(EnvironmentMap::load(Path::new(source))?), None),
             };
             scene.lights.extend(sun);
-            scene.environment =
-                Some(Environment { radiance: Vec3::ONE, map: Some(map), world_from_environment: Mat3::IDENTITY });
+            scene.environment = map.map(|map| Environment {
+                radiance: Vec3::ONE,
+                map: Some(map),
+                world_from_environment: Mat3::IDENTITY,
+            });
         }
         let (scale, turn) = (self.scale.unwrap_or(1.0), Mat3::from_rotation_y(self.rotate.unwrap_or(0.0)));
         match &mut scene.environment {

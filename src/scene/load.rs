@@ -1,21 +1,19 @@
-//! Loading by name: picks the loader, checks what it made, and adds what no picture can do without.
+//! Loading by name: picks the loader and checks what it made.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
+use glam::{Vec2, Vec3, Vec4};
 
-use super::{
-    Camera, Environment, EnvironmentChange, FovAxis, Geometry, Light, LoadError, Mesh, Projection, Scene, builtin,
-    gltf, mitsuba, refine,
-};
+use super::{EnvironmentChange, LoadError, Mesh, Scene, builtin, gltf, mitsuba, refine};
 
 /// Most triangles of all instances together: corners have to be countable in 32 bits, with room for acceleration structures.
 const MAX_TRIANGLES: usize = 1 << 28;
 
 /// Loads a scene from a .gltf, .glb or Mitsuba .xml file, or a built-in one as `builtin:NAME`.
 ///
-/// The result is safe to render: indices are in range, positions finite, at least one camera and one light are there.
+/// Indices of the result are in range and positions finite. What the file leaves out is missing: [`crate::staging`] adds a camera and
+/// light.
 ///
 /// # Errors
 /// Whatever is wrong with the file, with the place and the cause.
@@ -23,7 +21,7 @@ pub fn load(spec: &str) -> Result<Scene, LoadError> {
     load_under(spec, &EnvironmentChange::default())
 }
 
-/// As [`load()`], with the environment changed before the scene is completed: one that is given is light.
+/// As [`load()`], with the environment changed.
 ///
 /// # Errors
 /// Also what is wrong with the environment.
@@ -44,7 +42,7 @@ pub fn load_under(spec: &str, change: &EnvironmentChange) -> Result<Scene, LoadE
     Ok(scene)
 }
 
-/// Checks and completes what a loader made.
+/// Checks what a loader made, and repairs what can be.
 ///
 /// # Errors
 /// Positions that are not finite, indices out of range, too many triangles.
@@ -63,7 +61,7 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
     if let Some(rig) = scene.rig.as_mut().filter(|rig| !rig.shapes.is_empty()) {
         Arc::make_mut(rig).shapes.iter_mut().for_each(|shape| _ = repair(&mut shape.base));
     }
-    let bounds = check_instances(scene).map_err(|(i, cause)| LoadError::at(path, format!("instance {i}"), cause))?;
+    check_instances(scene).map_err(|(i, cause)| LoadError::at(path, format!("instance {i}"), cause))?;
     for (i, texture) in scene.textures.iter().enumerate() {
         if texture.image >= scene.images.len() {
             let cause = format!("image {} of {}", texture.image, scene.images.len());
@@ -73,16 +71,6 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
     if scene.instances.is_empty() {
         scene.warn("the scene has no surface");
     }
-    if scene.cameras.is_empty() {
-        let geometry = Geometry::new(scene);
-        if let Some(camera) = interior_camera(&geometry) {
-            scene.cameras.push(camera);
-            scene.warn("the scene has no camera: one that looks along the longer way through its middle is added");
-        } else {
-            scene.cameras.push(framing_camera(bounds));
-            scene.warn("the scene has no camera: one that frames it from the front, right and above is added");
-        }
-    }
     let black = scene.lights.iter().filter(|light| light.is_black(&scene.patterns)).count();
     if black > 0 {
         scene.warn(format!("{black} of the scene's {} lights have no power: they are ignored", scene.lights.len()));
@@ -91,76 +79,7 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
     if flat > 0 {
         scene.warn(format!("{flat} emissive triangles have no area: they are ignored"));
     }
-    let shines = |material: usize| scene.materials[material].emission.is_some_and(|e| e.radiance.factor != Vec3::ZERO);
-    let emissive = scene.instances.iter().any(|i| shines(scene.meshes[i.mesh].material));
-    if scene.lights.is_empty() && scene.environment.is_none() && !emissive {
-        add_daylight(scene);
-        scene.warn("the scene has no light: a sky and a sun are added");
-    }
     Ok(())
-}
-
-/// A blue sky and a warm sun, in units that leave a white surface in the sun at a radiance near 1.
-fn add_daylight(scene: &mut Scene) {
-    scene.environment = Some(Environment {
-        radiance: Vec3::new(0.4, 0.5, 0.7),
-        map: None,
-        world_from_environment: glam::Mat3::IDENTITY,
-    });
-    scene.lights.push(Light::Directional {
-        // High enough to reach the floor of a courtyard.
-        direction: Vec3::new(-0.25, -1.0, -0.35).normalize(),
-        irradiance: Vec3::new(3.0, 2.8, 2.4),
-    });
-}
-
-/// Looks at the middle of the bounds from a direction in which their sphere just fits the image.
-fn framing_camera([low, high]: [Vec3; 2]) -> Camera {
-    let fov = 45_f32.to_radians();
-    let radius = (0.5 * (high - low).length()).max(1e-3);
-    let direction = Vec3::new(0.6, 0.45, 1.0).normalize();
-    let centre = 0.5 * (low + high);
-    let eye = centre + direction * (radius / (0.5 * fov).sin());
-    let x = Vec3::Y.cross(direction).normalize();
-    let matrix3 = glam::Mat3::from_cols(x, direction.cross(x), direction);
-    Camera {
-        name: "default".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(matrix3, eye),
-        projection: Projection::Perspective { fov, axis: FovAxis::Smaller },
-        lens: None,
-        film_size: None,
-    }
-}
-
-/// For a scene that encloses its middle on four sides and below: looks through the middle along the longer horizontal way.
-fn interior_camera(geometry: &Geometry) -> Option<Camera> {
-    let [low, high] = geometry.bounds;
-    let centre = 0.5 * (low + high);
-    let free = |direction: Vec3| {
-        (0..geometry.triangles.len())
-            .filter_map(|i| {
-                let [a, b, c] = geometry.positions(i).map(|p| p - centre);
-                let e = [b.cross(c), c.cross(a), a.cross(b)].map(|n| n.dot(direction));
-                let inside = e.iter().all(|&x| x >= 0.0) || e.iter().all(|&x| x <= 0.0);
-                let t = a.dot(b.cross(c)) / (e[0] + e[1] + e[2]);
-                (inside && t > 0.0 && t.is_finite()).then_some(t)
-            })
-            .reduce(f32::min)
-    };
-    let [right, left, back, front] = [free(Vec3::X)?, free(Vec3::NEG_X)?, free(Vec3::Z)?, free(Vec3::NEG_Z)?];
-    free(Vec3::NEG_Y)?;
-    let (axis, behind) = if right + left > back + front { (Vec3::NEG_X, right) } else { (Vec3::NEG_Z, back) };
-    let x = axis.cross(Vec3::Y);
-    Some(Camera {
-        name: "default".to_owned(),
-        world_from_camera: Affine3A::from_mat3_translation(
-            glam::Mat3::from_cols(x, Vec3::Y, -axis),
-            centre - axis * (0.9 * behind),
-        ),
-        projection: Projection::Perspective { fov: 60_f32.to_radians(), axis: FovAxis::Smaller },
-        lens: None,
-        film_size: None,
-    })
 }
 
 fn check_mesh(scene: &Scene, index: usize) -> Result<(), String> {

@@ -26,6 +26,7 @@ pub mod refine;
 pub mod shapes;
 pub mod sky;
 pub mod stats;
+pub mod studio;
 pub mod tangents;
 pub mod tessellation;
 pub mod texture;
@@ -84,6 +85,8 @@ pub struct Scene {
     pub viewpoint: Option<Viewpoint>,
     /// One sentence per unsupported or repaired thing: what it is and what was done instead.
     pub warnings: Vec<String>,
+    /// One sentence per thing that the file leaves out and that was added.
+    pub notes: Vec<String>,
 }
 
 impl Scene {
@@ -93,6 +96,11 @@ impl Scene {
         if !self.warnings.contains(&warning) {
             self.warnings.push(warning);
         }
+    }
+
+    /// Says that something was added.
+    pub fn note(&mut self, note: impl Into<String>) {
+        self.notes.push(note.into());
     }
 
     /// A mesh before it was morphed and skinned.

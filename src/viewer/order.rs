@@ -10,16 +10,17 @@ use super::grade::Grade;
 use crate::film::Film;
 use crate::metrics::Comparison;
 use crate::renderer::RenderStats;
-use crate::scene::{Camera, EnvironmentChange, Light, Scene};
+use crate::scene::{Camera, Light, Scene};
 use crate::settings::{Method, OnlyStrategy, Settings};
+use crate::staging::Staging;
 
 /// Which scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
     /// A path or `builtin:NAME`.
     pub spec: String,
-    /// What is asked for in place of its own environment.
-    pub environment: EnvironmentChange,
+    /// What is asked for in place of its own camera and light.
+    pub staging: Staging,
 }
 
 /// What a pane shows of its method's picture.
@@ -156,6 +157,8 @@ pub struct Card {
     pub emissions: Vec<(usize, String, Vec3)>,
     /// What the loader said.
     pub warnings: Vec<String>,
+    /// What was added to it.
+    pub notes: Vec<String>,
     /// Triangles of all instances.
     pub triangles: usize,
     /// Middle and radius of the sphere around it, metres.

@@ -11,6 +11,8 @@ use super::stand::Stand;
 use super::studio::{Desk, Note, PANES};
 use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
 use crate::settings::{Method, SIDES, Settings};
+use crate::staging::Staging;
+use crate::staging::camera::AUTO;
 
 /// How long after a change the picture counts as moving.
 const SETTLES: Duration = Duration::from_millis(300);
@@ -22,12 +24,10 @@ const NOTES: usize = 20;
 pub struct Launch {
     /// A path or `builtin:NAME`.
     pub spec: String,
-    /// What is asked for in place of the scene's own environment.
-    pub environment: EnvironmentChange,
+    /// What is asked for in place of the scene's own camera and light.
+    pub staging: Staging,
     /// Of the first pane.
     pub settings: Settings,
-    /// A camera by name or index.
-    pub camera: Option<String>,
     /// Where to stand instead.
     pub stand: Option<Stand>,
     /// Angle of view along the shorter side, degrees.
@@ -148,7 +148,7 @@ impl State {
     pub fn new(launch: Launch) -> Self {
         let side = Side::new(&launch.settings);
         Self {
-            source: Source { spec: launch.spec.clone(), environment: launch.environment.clone() },
+            source: Source { spec: launch.spec.clone(), staging: launch.staging.clone() },
             card: None,
             machine: Machine::default(),
             sides: [side.clone(), side],
@@ -174,7 +174,7 @@ impl State {
 
     /// Opens another scene, as its file has it.
     pub fn open(&mut self, spec: &str) {
-        self.source = Source { spec: spec.to_owned(), environment: EnvironmentChange::default() };
+        self.source = Source { spec: spec.to_owned(), staging: Staging { size: self.size, ..Staging::default() } };
         self.edits = Edits::default();
         (self.camera, self.stand, self.fov, self.playback) = (0, None, None, None);
     }
@@ -243,6 +243,7 @@ impl State {
         if let Some(card) = desk.card {
             self.sides.iter_mut().for_each(|side| side.picture = None);
             self.notes.extend(card.warnings.iter().map(|text| Note::Wrong(text.clone())));
+            self.notes.extend(card.notes.iter().map(|text| Note::Done(text.clone())));
             self.card = Some(card);
             self.finish_launch();
         }
@@ -275,12 +276,9 @@ impl State {
             let numbered = || wanted.parse().ok().filter(|&i: &usize| i < names.len());
             names.iter().position(|name| *name == wanted).or_else(numbered)
         };
-        if let Some(wanted) = &launch.camera {
-            let names: Vec<&str> = card.cameras.iter().map(|c| c.name.as_str()).collect();
-            match index(wanted, &names) {
-                Some(found) => self.camera = found,
-                None => self.notes.push(Note::Wrong(format!("there is no camera {wanted}"))),
-            }
+        match launch.staging.camera.index(&card.cameras) {
+            Some(found) => self.camera = found,
+            None => self.notes.push(Note::Wrong("there is no such camera".to_owned())),
         }
         let names: Vec<&str> = card.animations.iter().map(|(name, _)| name.as_str()).collect();
         let animation = launch.animation.as_deref().map_or(Some(0), |wanted| index(wanted, &names));
@@ -361,22 +359,28 @@ impl State {
         option("size", format!("{}x{}", self.size[0], self.size[1]));
         let samples = side.picture.as_ref().map_or(1, |p| p.stats.samples.max(1));
         option("samples", samples.to_string());
-        if self.camera != 0 {
+        // A camera that was chosen for a window of another shape would be another one.
+        let chosen = self.base().filter(|camera| camera.name == AUTO);
+        if chosen.is_none() && self.camera != 0 {
             option("camera", self.camera.to_string());
         }
-        if let Some(Stand { eye, target }) = self.stand {
+        if let Some(Stand { eye, target }) = self.stand.or_else(|| chosen.and_then(|_| self.standing())) {
             let point = |p: glam::Vec3| format!("{},{},{}", p.x, p.y, p.z);
             option("eye", point(eye));
             option("target", point(target));
         }
-        if let Some(degrees) = self.fov {
+        let own_fov = chosen.and_then(|camera| match camera.projection {
+            Projection::Perspective { fov, .. } => Some(fov.to_degrees()),
+            Projection::Orthographic { .. } => None,
+        });
+        if let Some(degrees) = self.fov.or(own_fov) {
             option("fov", degrees.to_string());
         }
         if let Some(Playback { index, seconds, .. }) = self.playback {
             option("animation", index.to_string());
             option("at", seconds.to_string());
         }
-        let EnvironmentChange { source, scale, rotate } = &self.source.environment;
+        let EnvironmentChange { source, scale, rotate } = &self.source.staging.environment;
         if let Some(source) = source {
             option("env", source.clone());
         }
@@ -429,15 +433,13 @@ fn quoted(word: &str) -> Cow<'_, str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene;
     use glam::Vec3;
 
     fn launch(spec: &str) -> Launch {
         Launch {
             spec: spec.to_owned(),
-            environment: EnvironmentChange::default(),
+            staging: Staging::default(),
             settings: Settings::default(),
-            camera: None,
             stand: None,
             fov: None,
             animation: None,
@@ -447,7 +449,7 @@ mod tests {
 
     fn loaded(spec: &str) -> State {
         let mut state = State::new(launch(spec));
-        let scene = scene::load(spec).unwrap();
+        let scene = crate::scene::load(spec).unwrap();
         let card = Card {
             spec: spec.to_owned(),
             cameras: scene.cameras.clone(),

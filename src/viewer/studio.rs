@@ -24,8 +24,9 @@ use crate::metrics;
 use crate::reference::{Features, Reference, ReferenceSettings, Rounds};
 use crate::renderer::RenderError;
 use crate::scene::stats::triangles_vary;
-use crate::scene::{self, Camera, Geometry, Scene, Viewpoint};
+use crate::scene::{Camera, Geometry, Scene, Viewpoint};
 use crate::settings::{Method, Settings};
+use crate::staging;
 
 /// Samples after which a picture is left as it is.
 pub const ENOUGH: u64 = 1 << 16;
@@ -370,7 +371,7 @@ impl Worker {
     /// Loads, poses and edits.
     fn stage(&mut self, order: &Order) -> Result<Stage, Note> {
         if self.loaded.as_ref().is_none_or(|(source, _)| *source != order.source) {
-            let scene = scene::load_under(&order.source.spec, &order.source.environment)
+            let scene = staging::load(&order.source.spec, &order.source.staging)
                 .map_err(|e| Note::NotLoaded(e.to_string()))?;
             log::info!("loaded {}", order.source.spec);
             let shares = order.panes.iter().any(|pane| pane.settings.method.shares_subpaths());
@@ -639,6 +640,7 @@ fn card(scene: &Scene, shares: bool) -> Card {
         lights: scene.lights.clone(),
         emissions: emissions.collect(),
         warnings,
+        notes: scene.notes.clone(),
         triangles: geometry.triangles.len(),
         sphere: geometry.sphere(),
     }

@@ -219,9 +219,8 @@ mod tests {
             style(&context);
             let mut state = State::new(Launch {
                 spec: "builtin:cornell_point".to_owned(),
-                environment: EnvironmentChange::default(),
+                staging: Staging::default(),
                 settings: Settings::default(),
-                camera: None,
                 stand: None,
                 fov: None,
                 animation: None,

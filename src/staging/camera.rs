@@ -1,0 +1,416 @@
+//! Chooses a camera as a photographer would: objects from a three-quarter view a little above, flat things from their front,
+//! rooms from inside.
+//!
+//! Rays on the CPU decide. Points on the surfaces say how much of the scene a view shows, and whether most of it can be seen from
+//! outside at all. Rays from points at eye height say whether these are closed in on all sides, and how far they see.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::reference::Reference;
+use crate::reference::bvh::Hit;
+use crate::scene::{Camera, FovAxis, Projection, Sides};
+
+/// Full angle of view along the shorter side, radians: a short telephoto lens for objects, a wide one for rooms.
+const OBJECT_FOV: f32 = 35.0 * PI / 180.0;
+const ROOM_FOV: f32 = 65.0 * PI / 180.0;
+
+/// Share of the frame's width or height that an object spans.
+const FILL: f32 = 0.84;
+
+/// Points on the surfaces that views are judged by.
+const SAMPLES: usize = 1024;
+
+/// A thing is flat where it is this much thinner than wide and high. Flat things that lie, such as a floor with something on it, have to
+/// be thinner to be looked at from above.
+const FLAT: f32 = 0.25;
+const LYING_FLAT: f32 = 0.02;
+
+/// Share of the surfaces that is the main part of a scene, and how many times as far from its middle other points count.
+const NEARLY_ALL: f32 = 0.98;
+const FAR: f32 = 1.6;
+
+/// Points at eye height along each horizontal side, and heights at which floors are looked for.
+const PLACES: usize = 9;
+const LEVELS: usize = 4;
+
+/// Directions in which a place looks around.
+const DIRECTIONS: usize = 96;
+
+/// Sine of the elevation from which on places without a ceiling may be open.
+const OPEN_ABOVE: f32 = 0.35;
+
+/// Metres above the floor in rooms of a natural size.
+const EYE_HEIGHT: f32 = 1.6;
+
+/// Share of the directions that are closed around a place in a room, and in something that is open on one side. Of places that are the
+/// latter, half have to be the former.
+const SHARE_CLOSED: f32 = 0.5;
+const CLOSED: f32 = 0.92;
+const PARTLY_CLOSED: f32 = 0.6;
+
+/// Share of the surfaces that may be seen from outside of a room; twice as many where all places are closed.
+const SEEN_FROM_OUTSIDE: f32 = 0.2;
+
+/// The name of a camera that was chosen.
+pub const AUTO: &str = "auto";
+
+/// What a camera that was chosen looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// Nothing.
+    Empty,
+    /// A thing, from outside.
+    Object,
+    /// A thing without depth, from its front.
+    Flat,
+    /// A room, from inside.
+    Room,
+}
+
+/// A point of a surface.
+struct Sample {
+    position: Vec3,
+    /// Unit, to the front.
+    normal: Vec3,
+    triangle: u32,
+    two_sided: bool,
+}
+
+/// A place in a room.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    eye: Vec3,
+    around: Surroundings,
+}
+
+/// Chooses a camera for an image of a size in pixels. `points` are all places where vertices ever are, which includes those of the
+/// reference's own pose.
+#[must_use]
+pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera, Subject) {
+    let samples = samples(reference);
+    if samples.is_empty() {
+        let eye = Vec3::new(1.0, 1.0, 3.0);
+        return (camera(OBJECT_FOV, eye, Vec3::ZERO), Subject::Empty);
+    }
+    if let Some(camera) = room(reference, &samples, size) {
+        return (camera, Subject::Room);
+    }
+    let points = &main_part(&samples, points);
+    let flat = flat_front(reference, &samples, points);
+    let views: Vec<(Vec3, f32)> = match flat {
+        Some(front) => vec![(front, 1.0)],
+        None => VIEWS.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect(),
+    };
+    let judged = views.into_par_iter().map(|(towards_eye, weight)| {
+        let camera = fit(points, towards_eye, size);
+        let shown = shown(reference, &samples, Vec3::from(camera.world_from_camera.translation));
+        (weight * shown, camera)
+    });
+    // The first of the best.
+    let best = judged.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
+    let camera = best.map_or_else(|| fit(points, Vec3::Z, size), |(_, camera)| camera);
+    (camera, if flat.is_some() { Subject::Flat } else { Subject::Object })
+}
+
+/// Azimuth and elevation of views from outside, degrees, with how much each is liked: what another shows more has to
+/// make up for that.
+const VIEWS: [(f32, f32, f32); 9] = [
+    (30.0, 20.0, 1.0),
+    (-30.0, 20.0, 0.95),
+    (0.0, 8.0, 0.8),
+    (30.0, 40.0, 0.75),
+    (120.0, 20.0, 0.7),
+    (-120.0, 20.0, 0.7),
+    (90.0, 8.0, 0.65),
+    (-90.0, 8.0, 0.65),
+    (180.0, 8.0, 0.65),
+];
+
+/// The unit vector at an azimuth from +Z towards +X and an elevation, degrees.
+pub(super) fn direction(azimuth: f32, elevation: f32) -> Vec3 {
+    let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
+    Vec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), azimuth.cos() * elevation.cos())
+}
+
+/// A pinhole that looks from one point to another.
+fn camera(fov: f32, eye: Vec3, target: Vec3) -> Camera {
+    let camera = Camera {
+        name: AUTO.to_owned(),
+        world_from_camera: glam::Affine3A::from_translation(eye),
+        projection: Projection::Perspective { fov, axis: FovAxis::Smaller },
+        lens: None,
+        film_size: None,
+    };
+    camera.clone().looking(eye, target).unwrap_or(camera)
+}
+
+/// The camera in a direction from the points whose image they span to [`FILL`].
+fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera {
+    let axes = camera(OBJECT_FOV, towards_eye, Vec3::ZERO);
+    let slopes = axes.half_extent(width, height) * FILL;
+    let [right, up, back] =
+        [axes.world_from_camera.x_axis, axes.world_from_camera.y_axis, axes.world_from_camera.z_axis]
+            .map(|axis| DVec3::from(axis.as_dvec3()));
+    let slopes = slopes.as_dvec2();
+    // Each point keeps the eye on the inner side of two planes to the left and right, and two above and below.
+    let (mut low, mut high) = (glam::DVec2::NEG_INFINITY, glam::DVec2::INFINITY);
+    let mut nearest = f64::INFINITY;
+    for point in points {
+        let point = point.as_dvec3();
+        let (place, depth) = (glam::DVec2::new(point.dot(right), point.dot(up)), -point.dot(back));
+        low = low.max(place - slopes * depth);
+        high = high.min(place + slopes * depth);
+        nearest = nearest.min(depth);
+    }
+    let depth = ((high - low) / (2.0 * slopes)).min_element();
+    // A single point has no size.
+    let depth = if depth < nearest { depth } else { nearest - 1.0 };
+    let middle = 0.5 * (low + high);
+    let eye = right * middle.x + up * middle.y - back * depth;
+    let distance = (nearest - depth).max(f64::from(f32::MIN_POSITIVE));
+    camera(OBJECT_FOV, eye.as_vec3(), (eye - back * distance).as_vec3())
+}
+
+/// Points on the surfaces: half of them by area, half of them alike on all triangles, since small parts are what is worth a picture.
+fn samples(reference: &Reference) -> Vec<Sample> {
+    let geometry = reference.geometry();
+    let count = geometry.triangles.len();
+    let area = |i: usize| {
+        let [a, b, c] = geometry.positions(i);
+        f64::from((b - a).cross(c - a).length())
+    };
+    let total: f64 = (0..count).map(area).sum();
+    if count == 0 || total <= 0.0 {
+        return Vec::new();
+    }
+    let half = SAMPLES / 2;
+    let mut triangles: Vec<usize> = (0..half).map(|n| n * count / half).collect();
+    let mut sum = 0.0;
+    for i in 0..count {
+        sum += area(i);
+        while triangles.len() < 2 * half && sum >= total * ((triangles.len() - half) as f64 + 0.5) / half as f64 {
+            triangles.push(i);
+        }
+    }
+    let sample = |(n, i): (usize, usize)| {
+        // The R2 sequence of M. Roberts (2018), folded into the triangle.
+        let at = Vec2::new(0.754_877_7, 0.569_840_3) * n as f32;
+        let [mut u, mut v] = at.fract().to_array();
+        if u + v > 1.0 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        let [a, b, c] = geometry.positions(i);
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let two_sided = reference.material(i as u32).sides == Sides::Two;
+        Sample { position: a + (b - a) * u + (c - a) * v, normal, triangle: i as u32, two_sided }
+    };
+    triangles.into_iter().enumerate().map(sample).collect()
+}
+
+/// The share of the points that is seen from a place.
+fn shown(reference: &Reference, samples: &[Sample], eye: Vec3) -> f32 {
+    samples.iter().filter(|sample| is_seen(reference, sample, eye)).count() as f32 / samples.len() as f32
+}
+
+/// Says whether a point is seen from a place.
+fn is_seen(reference: &Reference, sample: &Sample, eye: Vec3) -> bool {
+    let to = sample.position - eye;
+    let distance = to.length();
+    let reaches = |hit: Hit| hit.triangle == sample.triangle || hit.t > 0.999 * distance;
+    (sample.two_sided || sample.normal.dot(to) < 0.0) && reference.first_hit(eye, to / distance).is_some_and(reaches)
+}
+
+/// The share of the points that is in a camera's image.
+fn shown_in_frame(reference: &Reference, samples: &[Sample], camera: &Camera, [width, height]: [u32; 2]) -> f32 {
+    let eye = Vec3::from(camera.world_from_camera.translation);
+    let in_frame: Vec<&Sample> =
+        samples.iter().step_by(4).filter(|s| camera.project(s.position, width, height).is_some()).collect();
+    let seen = in_frame.into_iter().filter(|sample| is_seen(reference, sample, eye)).count();
+    (4 * seen) as f32 / samples.len() as f32
+}
+
+/// The points without those that lie far from nearly all of the surfaces: what somebody forgot at the other end of the world.
+fn main_part(samples: &[Sample], points: &[Vec3]) -> Vec<Vec3> {
+    let median = |mut values: Vec<f32>, share: f32| {
+        let n = ((values.len() - 1) as f32 * share) as usize;
+        *values.select_nth_unstable_by(n, f32::total_cmp).1
+    };
+    let middle = Vec3::from([0, 1, 2].map(|axis| median(samples.iter().map(|s| s.position[axis]).collect(), 0.5)));
+    let reach = median(samples.iter().map(|s| s.position.distance(middle)).collect(), NEARLY_ALL);
+    points.iter().copied().filter(|p| p.distance(middle) <= FAR * reach).collect()
+}
+
+/// The direction that most of a flat thing faces.
+fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Option<Vec3> {
+    // Area alone: the second half.
+    let by_area = samples[samples.len() / 2..].iter().map(|s| s.normal);
+    let mean = by_area.reduce(|a, b| if b.dot(a) < 0.0 { a - b } else { a + b })?.try_normalize()?;
+    let extent = |axis: Vec3| {
+        let along = points.iter().map(|p| p.dot(axis));
+        let (low, high) = along.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
+        high - low
+    };
+    let thickness = |axis: Vec3| {
+        let (a, b) = if axis.y.abs() > 0.999 { (Vec3::X, Vec3::Z) } else { (axis.cross(Vec3::Y).normalize(), Vec3::Y) };
+        let (a, b) = if axis.y.abs() < 0.001 || axis.y.abs() > 0.999 { (a, b) } else { axis.any_orthonormal_pair() };
+        extent(axis) / extent(a).min(extent(b))
+    };
+    let axes = [mean, Vec3::Z, Vec3::X, Vec3::Y].map(|axis| (thickness(axis), axis));
+    let (thickness, axis) = axes.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+    let flat = if axis.y.abs() > 0.7 { LYING_FLAT } else { FLAT };
+    if thickness.is_nan() || thickness > flat {
+        return None;
+    }
+    let radius = 0.5 * points_radius(points);
+    let middle = points.iter().sum::<Vec3>() / points.len() as f32;
+    let sides = [axis, -axis].map(|side| (side, shown(reference, samples, middle + side * (20.0 * radius))));
+    // Two sides alike: the one to the front, or upwards.
+    let [(first, shown), (second, other)] = sides;
+    let liked = |side: Vec3| side.dot(Vec3::new(0.1, 0.5, 1.0));
+    Some(if (shown - other).abs() > 0.1 * (shown + other) {
+        if shown > other { first } else { second }
+    } else if liked(first) > liked(second) {
+        first
+    } else {
+        second
+    })
+}
+
+fn points_radius(points: &[Vec3]) -> f32 {
+    let (low, high) = points.iter().fold((Vec3::MAX, Vec3::MIN), |(l, h), &p| (l.min(p), h.max(p)));
+    0.5 * low.distance(high)
+}
+
+/// Directions spread evenly over the sphere (spherical Fibonacci lattice).
+pub(super) fn sphere(count: usize) -> impl Iterator<Item = Vec3> {
+    (0..count).map(move |n| {
+        let y = 1.0 - (2.0 * n as f32 + 1.0) / count as f32;
+        let phi = TAU * (n as f32 * 0.618_034).fract();
+        let radius = (1.0 - y * y).sqrt();
+        Vec3::new(radius * phi.cos(), y, radius * phi.sin())
+    })
+}
+
+/// Says how much of the surfaces is seen from outside: the share of directions, level or from above, in which the points see
+/// nothing.
+fn seen_from_outside(reference: &Reference, samples: &[Sample]) -> f32 {
+    let directions: Vec<Vec3> = sphere(48).filter(|d| (-0.1..0.75).contains(&d.y)).collect();
+    let open = |sample: &Sample| {
+        let facing: Vec<_> = directions.iter().filter(|d| sample.normal.dot(**d) > 0.05).collect();
+        let sees = |direction: Vec3| reference.closest_hit(sample.position, direction, Some(sample.triangle)).is_some();
+        let free = facing.iter().filter(|d| !sees(***d)).count();
+        free as f32 / facing.len().max(1) as f32
+    };
+    let sum: f32 = samples.par_iter().step_by(2).map(open).collect::<Vec<_>>().iter().sum();
+    sum / (samples.len() / 2) as f32
+}
+
+/// A camera inside of a room, if the scene is one.
+fn room(reference: &Reference, samples: &[Sample], size: [u32; 2]) -> Option<Camera> {
+    let places = places(reference);
+    let closed: Vec<&Place> = places.iter().filter(|p| p.around.closed >= CLOSED).collect();
+    let outside = seen_from_outside(reference, samples);
+    let share = closed.len() as f32 / places.len().max(1) as f32;
+    if share < SHARE_CLOSED || outside > SEEN_FROM_OUTSIDE * (1.0 + share) {
+        return None;
+    }
+    let yaws = 16;
+    let views = closed.par_iter().flat_map_iter(|place| {
+        (0..yaws).map(move |n| {
+            let yaw = TAU * n as f32 / yaws as f32;
+            (place.eye, Vec3::new(yaw.sin(), 0.0, yaw.cos()))
+        })
+    });
+    let judged = views.map(|(eye, forward)| {
+        let camera = camera(ROOM_FOV, eye, eye + forward * reference.geometry().sphere().1);
+        let content = 0.02 + shown_in_frame(reference, samples, &camera, size);
+        (free_view(reference, &camera, size) * content, camera)
+    });
+    judged.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, camera)| camera)
+}
+
+/// How far a camera sees: the mean of the square roots of the distances of its rays, 0 where they meet nothing. Far parts count, but not
+/// one long way alone.
+fn free_view(reference: &Reference, camera: &Camera, size: [u32; 2]) -> f32 {
+    let (sum, count) = rays(camera, size, [12, 8]).fold((0.0, 0), |(sum, count), (eye, direction)| {
+        (sum + reference.first_hit(eye, direction).map_or(0.0, |hit| hit.t.sqrt()), count + 1)
+    });
+    sum / count as f32
+}
+
+/// Origins and directions of a grid of a camera's rays.
+pub(super) fn rays(camera: &Camera, [width, height]: [u32; 2], [columns, rows]: [u32; 2]) -> impl Iterator<Item = (Vec3, Vec3)> {
+    let half = camera.half_extent(width, height);
+    let world = camera.world_from_camera;
+    let parallel = matches!(camera.projection, Projection::Orthographic { .. });
+    (0..columns * rows).map(move |n| {
+        let at = Vec2::new((n % columns) as f32 + 0.5, (n / columns) as f32 + 0.5) / Vec2::new(columns as f32, rows as f32);
+        let plane = (at * 2.0 - 1.0) * half;
+        let (origin, direction) =
+            if parallel { (plane.extend(0.0), Vec3::NEG_Z) } else { (Vec3::ZERO, plane.extend(-1.0)) };
+        (world.transform_point3(origin), world.transform_vector3(direction).normalize())
+    })
+}
+
+/// Places at eye height that are partly closed in, at more than a step's distance from everything.
+fn places(reference: &Reference) -> Vec<Place> {
+    let [low, high] = reference.geometry().bounds;
+    let extent = high - low;
+    if extent.min_element() <= 0.0 {
+        return Vec::new();
+    }
+    let place = |n: usize| {
+        let at = [n % PLACES, n / (PLACES * PLACES), n / PLACES % PLACES];
+        let share = Vec3::from(at.map(|n| n as f32 + 0.5)) / Vec3::from([PLACES, LEVELS, PLACES].map(|n| n as f32));
+        let start = low + extent * share;
+        let floor = reference.closest_hit(start, Vec3::NEG_Y, None)?.t;
+        let ceiling = reference.closest_hit(start, Vec3::Y, None).map_or(high.y - start.y, |hit| hit.t);
+        let height = floor + ceiling;
+        let natural = (2.0..20.0).contains(&height);
+        let (above, step) = if natural { (EYE_HEIGHT, 0.5) } else { (0.5 * height, 0.15 * height) };
+        let eye = start + Vec3::Y * (above - floor);
+        let around = surroundings(reference, eye);
+        (around.closed >= PARTLY_CLOSED && around.free > step).then_some(Place { eye, around })
+    };
+    (0..PLACES * PLACES * LEVELS).into_par_iter().filter_map(place).collect()
+}
+
+/// What is around a place.
+#[derive(Clone, Copy, Debug)]
+struct Surroundings {
+    /// Share of the directions in which a surface shows its front; those far up do not count where there is no ceiling.
+    closed: f32,
+    /// Metres to the nearest surface that is not below.
+    free: f32,
+}
+
+fn surroundings(reference: &Reference, eye: Vec3) -> Surroundings {
+    let roofed = reference.closest_hit(eye, Vec3::Y, None).is_some();
+    let (mut closed, mut counted, mut free) = (0, 0, f32::INFINITY);
+    for direction in sphere(DIRECTIONS).filter(|d| roofed || d.y < OPEN_ABOVE) {
+        counted += 1;
+        let Some(hit) = reference.closest_hit(eye, direction, None) else { continue };
+        free = if direction.y > -0.5 { free.min(hit.t) } else { free };
+        // From within a thing, backs are seen.
+        closed += u32::from(reference.normal(hit.triangle).dot(direction) < 0.0);
+    }
+    Surroundings { closed: closed as f32 / counted.max(1) as f32, free }
+}
+
+/// What a camera sees: points and their triangles, along `side` x `side` of its rays.
+pub(super) fn seen(reference: &Reference, camera: &Camera, side: u32) -> Vec<(Vec3, u32)> {
+    rays(camera, [1, 1], [side, side])
+        .filter_map(|(origin, direction)| {
+            reference.first_hit(origin, direction).map(|hit| (origin + direction * hit.t, hit.triangle))
+        })
+        .collect()
+}
+
+/// Says whether a camera stands in a room: nearly all directions around it are closed, but those far up.
+pub(super) fn is_inside(reference: &Reference, camera: &Camera) -> bool {
+    let eye = Vec3::from(camera.world_from_camera.translation);
+    surroundings(reference, eye).closed >= CLOSED
+}
