@@ -4,6 +4,7 @@
 //!   `film` alone.
 //! - Passes never import each other; `frame` wires them.
 //! - `reference` imports `scene` and `film` only: nothing of the GPU side that it judges.
+//! - `staging` imports `scene` and `reference`.
 //! - Only `report` and `cli` import `bench`, and only `cli` imports `report`: what is measured does not know it.
 //! - Nothing imports `cli` but the program, and nothing `viewer` but `cli`.
 //! - A pass shader imports `package::lib` and `package::visibility`, never another pass; these never import a pass.
@@ -143,6 +144,7 @@ fn broken_rule(from: &[&str], to: &[String]) -> Option<String> {
     match importer {
         "scene" | "gpu" | "settings" | "film" => says("it imports nothing of ours"),
         "metrics" if imported != "film" => says("it imports only film"),
+        "staging" if !matches!(imported, "scene" | "reference") => says("it looks at scenes, by the reference's rays"),
         "reference" if !matches!(imported, "scene" | "film") => says("the judge shares nothing with what it judges"),
         _ => None,
     }

@@ -6,7 +6,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::reference::Reference;
@@ -51,8 +51,15 @@ const SHARE_CLOSED: f32 = 0.5;
 const CLOSED: f32 = 0.92;
 const PARTLY_CLOSED: f32 = 0.6;
 
-/// Share of the surfaces that may be seen from outside of a room; twice as many where all places are closed.
+/// Share of all places that are at least partly closed in where a scene encloses anything.
+const FEW_PLACES: f32 = 0.02;
+
+/// Share of the surfaces that may be seen from outside of a room, twice as many where all places are closed, and of a stage.
 const SEEN_FROM_OUTSIDE: f32 = 0.2;
+const SEEN_OF_A_STAGE: f32 = 0.35;
+
+/// Directions in which a place in a room is looked from.
+const YAWS: usize = 16;
 
 /// The name of a camera that was chosen.
 pub const AUTO: &str = "auto";
@@ -66,6 +73,8 @@ pub enum Subject {
     Object,
     /// A thing without depth, from its front.
     Flat,
+    /// Something that is open on one side, from there.
+    Stage,
     /// A room, from inside.
     Room,
 }
@@ -79,11 +88,10 @@ struct Sample {
     two_sided: bool,
 }
 
-/// A place in a room.
-#[derive(Clone, Copy, Debug)]
+/// A place that is at least partly closed in.
 struct Place {
     eye: Vec3,
-    around: Surroundings,
+    closed: f32,
 }
 
 /// Chooses a camera for an image of a size in pixels. `points` are all places where vertices ever are, which includes those of the
@@ -95,24 +103,23 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
         let eye = Vec3::new(1.0, 1.0, 3.0);
         return (camera(OBJECT_FOV, eye, Vec3::ZERO), Subject::Empty);
     }
-    if let Some(camera) = room(reference, &samples, size) {
+    let enclosure = enclosure(reference, &samples);
+    if let Enclosure::Room(places) = &enclosure
+        && let Some(camera) = inside(reference, &samples, places, size)
+    {
         return (camera, Subject::Room);
     }
     let points = &main_part(&samples, points);
-    let flat = flat_front(reference, &samples, points);
-    let views: Vec<(Vec3, f32)> = match flat {
-        Some(front) => vec![(front, 1.0)],
-        None => VIEWS.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect(),
+    let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
+        (Enclosure::Stage, _) => (directions(&STAGE_VIEWS), Subject::Stage),
+        (_, Some(front)) => (vec![(front, 1.0)], Subject::Flat),
+        (_, None) => (directions(&VIEWS), Subject::Object),
     };
     let judged = views.into_par_iter().map(|(towards_eye, weight)| {
         let camera = fit(points, towards_eye, size);
-        let shown = shown(reference, &samples, Vec3::from(camera.world_from_camera.translation));
-        (weight * shown, camera)
+        (weight * shown(reference, &samples, Vec3::from(camera.world_from_camera.translation)), camera)
     });
-    // The first of the best.
-    let best = judged.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
-    let camera = best.map_or_else(|| fit(points, Vec3::Z, size), |(_, camera)| camera);
-    (camera, if flat.is_some() { Subject::Flat } else { Subject::Object })
+    (best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size)), subject)
 }
 
 /// Azimuth and elevation of views from outside, degrees, with how much each is liked: what another shows more has to
@@ -128,6 +135,13 @@ const VIEWS: [(f32, f32, f32); 9] = [
     (-90.0, 8.0, 0.65),
     (180.0, 8.0, 0.65),
 ];
+
+/// The same of views into something that is open on one side.
+const STAGE_VIEWS: [(f32, f32, f32); 4] = [(0.0, 0.0, 1.0), (90.0, 0.0, 0.9), (-90.0, 0.0, 0.9), (180.0, 0.0, 0.85)];
+
+fn directions(views: &[(f32, f32, f32)]) -> Vec<(Vec3, f32)> {
+    views.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect()
+}
 
 /// The unit vector at an azimuth from +Z towards +X and an elevation, degrees.
 pub(super) fn direction(azimuth: f32, elevation: f32) -> Vec3 {
@@ -151,9 +165,8 @@ fn camera(fov: f32, eye: Vec3, target: Vec3) -> Camera {
 fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera {
     let axes = camera(OBJECT_FOV, towards_eye, Vec3::ZERO);
     let slopes = axes.half_extent(width, height) * FILL;
-    let [right, up, back] =
-        [axes.world_from_camera.x_axis, axes.world_from_camera.y_axis, axes.world_from_camera.z_axis]
-            .map(|axis| DVec3::from(axis.as_dvec3()));
+    let world = axes.world_from_camera;
+    let [right, up, back] = [world.x_axis, world.y_axis, world.z_axis].map(|axis| Vec3::from(axis).as_dvec3());
     let slopes = slopes.as_dvec2();
     // Each point keeps the eye on the inner side of two planes to the left and right, and two above and below.
     let (mut low, mut high) = (glam::DVec2::NEG_INFINITY, glam::DVec2::INFINITY);
@@ -308,28 +321,47 @@ fn seen_from_outside(reference: &Reference, samples: &[Sample]) -> f32 {
     sum / (samples.len() / 2) as f32
 }
 
-/// A camera inside of a room, if the scene is one.
-fn room(reference: &Reference, samples: &[Sample], size: [u32; 2]) -> Option<Camera> {
+/// What a scene encloses.
+enum Enclosure {
+    /// Nothing to speak of.
+    None,
+    /// Something that is open on one side, such as a stage.
+    Stage,
+    /// A room, with places where one can stand.
+    Room(Vec<Vec3>),
+}
+
+fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     let places = places(reference);
-    let closed: Vec<&Place> = places.iter().filter(|p| p.around.closed >= CLOSED).collect();
-    let outside = seen_from_outside(reference, samples);
-    let share = closed.len() as f32 / places.len().max(1) as f32;
-    if share < SHARE_CLOSED || outside > SEEN_FROM_OUTSIDE * (1.0 + share) {
-        return None;
+    let count = places.len() as f32;
+    if count < FEW_PLACES * (PLACES * PLACES * LEVELS) as f32 {
+        return Enclosure::None;
     }
-    let yaws = 16;
-    let views = closed.par_iter().flat_map_iter(|place| {
-        (0..yaws).map(move |n| {
-            let yaw = TAU * n as f32 / yaws as f32;
-            (place.eye, Vec3::new(yaw.sin(), 0.0, yaw.cos()))
-        })
-    });
+    let rooms: Vec<Vec3> = places.iter().filter(|p| p.closed >= CLOSED).map(|p| p.eye).collect();
+    let share = rooms.len() as f32 / count;
+    let outside = seen_from_outside(reference, samples);
+    if share >= SHARE_CLOSED && outside <= SEEN_FROM_OUTSIDE * (1.0 + share) {
+        Enclosure::Room(rooms)
+    } else if outside <= SEEN_OF_A_STAGE {
+        Enclosure::Stage
+    } else {
+        Enclosure::None
+    }
+}
+
+/// The camera at one of the places in a room that sees farthest and most of the surfaces.
+fn inside(reference: &Reference, samples: &[Sample], places: &[Vec3], size: [u32; 2]) -> Option<Camera> {
+    let views = places.par_iter().flat_map_iter(|&eye| (0..YAWS).map(move |n| (eye, direction(360.0 * n as f32 / YAWS as f32, 0.0))));
     let judged = views.map(|(eye, forward)| {
         let camera = camera(ROOM_FOV, eye, eye + forward * reference.geometry().sphere().1);
-        let content = 0.02 + shown_in_frame(reference, samples, &camera, size);
-        (free_view(reference, &camera, size) * content, camera)
+        (free_view(reference, &camera, size) * shown_in_frame(reference, samples, &camera, size), camera)
     });
-    judged.collect::<Vec<_>>().into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, camera)| camera)
+    best(judged.collect())
+}
+
+/// The first of the best.
+fn best(judged: Vec<(f32, Camera)>) -> Option<Camera> {
+    judged.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, camera)| camera)
 }
 
 /// How far a camera sees: the mean of the square roots of the distances of its rays, 0 where they meet nothing. Far parts count, but not
@@ -373,7 +405,7 @@ fn places(reference: &Reference) -> Vec<Place> {
         let (above, step) = if natural { (EYE_HEIGHT, 0.5) } else { (0.5 * height, 0.15 * height) };
         let eye = start + Vec3::Y * (above - floor);
         let around = surroundings(reference, eye);
-        (around.closed >= PARTLY_CLOSED && around.free > step).then_some(Place { eye, around })
+        (around.closed >= PARTLY_CLOSED && around.free > step).then_some(Place { eye, closed: around.closed })
     };
     (0..PLACES * PLACES * LEVELS).into_par_iter().filter_map(place).collect()
 }

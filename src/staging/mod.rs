@@ -92,6 +92,7 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
             Subject::Empty => "is added; there is nothing to see",
             Subject::Object => "is added that frames it",
             Subject::Flat => "is added that looks at its front",
+            Subject::Stage => "is added that looks into it",
             Subject::Room => "is added inside the room",
         };
         scene.note(format!("{why} {how}"));

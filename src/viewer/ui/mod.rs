@@ -199,7 +199,8 @@ mod tests {
     use super::*;
     use crate::film::Film;
     use crate::renderer::RenderStats;
-    use crate::scene::{EnvironmentChange, builtin};
+    use crate::scene::builtin;
+    use crate::staging::Staging;
     use crate::settings::Settings;
     use crate::viewer::order::{Card, Machine};
     use crate::viewer::state::Launch;
