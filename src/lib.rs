@@ -14,8 +14,9 @@
 //!                                   Settings ─┘         └─► Reference (CPU) ──────────► Film ┴──► Comparison
 //! ```
 //!
-//! 1. [`scene::load()`] reads glTF, Mitsuba XML or a built-in scene into plain data, says what it could not do, and adds a
-//!    camera or light where there is none. [`scene::Geometry`] flattens instances into world-space triangles.
+//! 1. [`staging::load`] is where a file comes in. [`scene::load()`] reads glTF, Mitsuba XML or a built-in scene into plain data and
+//!    says what it could not do; [`staging`] adds the camera and the light that the file leaves out. [`scene::Geometry`] flattens
+//!    instances into world-space triangles.
 //! 2. [`plan::FramePlan`] decides from facts of the scene, [`settings::Settings`] and the device's capabilities which passes
 //!    run, with the reason, before anything is allocated. Skipped means no pass, no pipeline, no buffer.
 //! 3. [`gpu_scene`] uploads; [`renderer::Renderer`] owns a [`frame::Frame`] and runs its iterations in batches. Lists that
@@ -105,7 +106,7 @@
 //! # Import rules
 //!
 //! [`scene`], [`gpu`], [`settings`], [`film`] import nothing of ours, [`metrics`] only the film. [`passes`] never import each
-//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. Only [`report`] imports [`mod@bench`]. Nothing imports
+//! other: [`frame`] wires them. [`mod@reference`] never imports the GPU side. [`staging`] imports scene and reference. Only [`report`] imports [`mod@bench`]. Nothing imports
 //! `viewer` or the command line, which is part of the program, not of this library. A shader of a pass imports `shaders/lib` and
 //! `shaders/visibility`, never another pass.
 //!

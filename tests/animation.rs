@@ -22,6 +22,7 @@ use lightsheaf::renderer::Renderer;
 use lightsheaf::scene::animation::{Curve, Interpolation};
 use lightsheaf::scene::{self, Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
 use lightsheaf::settings::{Method, Settings};
+use lightsheaf::staging::{self, Staging};
 use serde_json::{Value, json};
 
 /// Files beside the repository that move, and whether their triangles follow joints or weights.
@@ -42,7 +43,7 @@ fn seconds(frame: u32) -> f32 {
 }
 
 fn load(path: &Path) -> Scene {
-    scene::load(path.to_str().unwrap()).unwrap_or_else(|e| panic!("{e}"))
+    staging::load(path.to_str().unwrap(), &Staging::default()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn files() -> Vec<(Scene, bool)> {
@@ -310,7 +311,7 @@ fn wrong_animations_are_refused() {
     let refused = |name: &str, change: &dyn Fn(&mut Draft), place: &str, cause: &str| {
         let mut draft = bones();
         change(&mut draft);
-        let error = scene::load(draft.write(name).to_str().unwrap()).expect_err(name).to_string();
+        let error = staging::load(draft.write(name).to_str().unwrap(), &Staging::default()).expect_err(name).to_string();
         for part in [name, place, cause] {
             assert!(error.contains(part), "{error:?} does not say {part:?}");
         }
@@ -377,7 +378,7 @@ fn no_number_of_a_file_makes_it_panic() {
             let mut changed = Draft { json: original.json.clone(), data: original.data.clone() };
             *changed.json.pointer_mut(place).unwrap() = number;
             let path = changed.write("changed.gltf");
-            match scene::load(path.to_str().unwrap()).and_then(|scene| scene.at(0, 0.5)) {
+            match staging::load(path.to_str().unwrap(), &Staging::default()).and_then(|scene| scene.at(0, 0.5)) {
                 Ok(scene) => posed += usize::from(Geometry::new(&scene).vertices.len() < 100),
                 Err(error) => {
                     assert!(error.to_string().contains("changed.gltf"), "{place}: {error}");

@@ -425,7 +425,7 @@ fn closing_line_and_warnings() {
     for what in ["no camera", "no light"] {
         assert_eq!(stderr(&result).matches(what).count(), 1, "{}", stderr(&result));
     }
-    assert!(stderr(&result).lines().all(|line| line.starts_with("warning: ")), "{}", stderr(&result));
+    assert!(stderr(&result).lines().all(|line| line.starts_with("note: ")), "{}", stderr(&result));
 }
 
 /// Samples double until half of them agree with all; a budget ends that too.

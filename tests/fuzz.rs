@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use base64::Engine as _;
 use common::random::Random;
 use lightsheaf::scene::{self, Geometry};
+use lightsheaf::staging::{self, Staging};
 use serde_json::json;
 
 /// Files that are loaded, of both formats together.
@@ -344,10 +345,14 @@ fn outcome(load: impl FnOnce() -> Result<usize, String>, bytes: u64) -> Outcome 
 static ONE: Mutex<()> = Mutex::new(());
 
 fn load(path: &Path) -> Result<usize, String> {
-    let scene = scene::load(path.to_str().unwrap()).map_err(|e| e.to_string())?;
+    let mut scene = scene::load(path.to_str().unwrap()).map_err(|e| e.to_string())?;
     // A mutated count may well mean a large scene; what flattening it takes is no matter of the loader.
     let triangles: usize = scene.instances.iter().map(|i| scene.meshes[i.mesh].triangles.len()).sum();
-    Ok(if triangles < 10_000 { Geometry::new(&scene).triangles.len() } else { triangles })
+    if triangles >= 10_000 {
+        return Ok(triangles);
+    }
+    staging::complete(&mut scene, &Staging::default()).map_err(|e| e.to_string())?;
+    Ok(Geometry::new(&scene).triangles.len())
 }
 
 fn number(name: &str, default: u64) -> u64 {

@@ -25,6 +25,7 @@ use lightsheaf::scene::{
     Viewpoint, Wave, Wrap, builtin,
 };
 use lightsheaf::settings::{Method, Settings};
+use lightsheaf::staging::{self, Staging};
 
 fn noise(scale: f32) -> Option<Displacement> {
     let height = Height::Noise { frequency: 2.3, octaves: 4, seed: 5, drift: Vec3::ZERO };
@@ -222,7 +223,7 @@ fn everything() -> Option<Vec<(String, Scene)>> {
     colored.instances.push(Instance { mesh: 0, world_from_local: turned });
     all.push(("colours, tangents, two instances".to_owned(), colored));
     let path = shared()?.join("scenes/gltf/CesiumMan/glTF-Binary/CesiumMan.glb");
-    let mut man = scene::load(path.to_str().unwrap()).unwrap();
+    let mut man = staging::load(path.to_str().unwrap(), &Staging::default()).unwrap();
     let rig = std::sync::Arc::make_mut(man.rig.as_mut().unwrap());
     let displacement = Displacement {
         height: Height::Noise { frequency: 9.0, octaves: 3, seed: 1, drift: Vec3::Y },
@@ -550,7 +551,7 @@ fn gltf(name: &str, extras: &str) -> Result<Scene, String> {
     );
     let path = folder().join(name).with_extension("gltf");
     std::fs::write(&path, text).unwrap();
-    scene::load(path.to_str().unwrap()).map_err(|e| e.to_string())
+    staging::load(path.to_str().unwrap(), &Staging::default()).map_err(|e| e.to_string())
 }
 
 fn mitsuba(name: &str, parameters: &str) -> Result<Scene, String> {
@@ -558,7 +559,7 @@ fn mitsuba(name: &str, parameters: &str) -> Result<Scene, String> {
     let text = format!(r#"<scene version="3.0.0"><shape type="rectangle">{parameters}</shape></scene>"#);
     let path = folder().join(name).with_extension("xml");
     std::fs::write(&path, text).unwrap();
-    scene::load(path.to_str().unwrap()).map_err(|e| e.to_string())
+    staging::load(path.to_str().unwrap(), &Staging::default()).map_err(|e| e.to_string())
 }
 
 #[test]

@@ -31,6 +31,7 @@ use lightsheaf::scene::{
     Wrap,
 };
 use lightsheaf::settings::{Settings, Visibility};
+use lightsheaf::staging::{self, Staging};
 use lightsheaf::view::{Answers, Texels, ViewBuffers, ViewScratch, parallel};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
@@ -758,7 +759,7 @@ fn the_camera_sees_through_culled_backs() {
 }
 
 fn cornell() -> Scene {
-    scene::load("builtin:cornell_point").unwrap()
+    staging::load("builtin:cornell_point", &Staging::default()).unwrap()
 }
 
 #[test]
@@ -882,7 +883,7 @@ fn table() {
     let mut scenes = vec![("Cornell box", cornell()), ("displaced room, 60,000", displaced_room(60_000))];
     if let Some(shared) = common::shared() {
         let path = shared.join("scenes/gltf/Sponza/glTF/Sponza.gltf");
-        scenes.push(("Sponza", scene::load(&path.display().to_string()).unwrap()));
+        scenes.push(("Sponza", staging::load(&path.display().to_string(), &Staging::default()).unwrap()));
     }
     let count = 1_000_000;
     for fast in [false, true] {
@@ -916,7 +917,7 @@ fn look_ups_a_second() {
     ];
     if let Some(shared) = common::shared() {
         let path = shared.join("scenes/gltf/Sponza/glTF/Sponza.gltf");
-        scenes.push(("Sponza", scene::load(&path.display().to_string()).unwrap()));
+        scenes.push(("Sponza", staging::load(&path.display().to_string(), &Staging::default()).unwrap()));
     }
     println!("| scene | texels x slabs | nodes | million a second, median | best |\n|---|---|---|---|---|");
     for (name, scene) in &scenes {

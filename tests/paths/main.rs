@@ -16,6 +16,7 @@ use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::renderer::{Progressive as _, RenderStats};
 use lightsheaf::scene::{Boundary, Light, Scene, builtin};
 use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
+use lightsheaf::staging::{self, Staging};
 
 const METHODS: [Method; 2] = [Method::Path, Method::RayQuery];
 
@@ -418,7 +419,7 @@ fn matrix() {
         ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"]
             .map(|n| {
                 let path = shared.join("references").join(n).with_extension("xml");
-                (n.to_owned(), lightsheaf::scene::load(&path.display().to_string()).unwrap(), 2)
+                (n.to_owned(), staging::load(&path.display().to_string(), &Staging::default()).unwrap(), 2)
             })
             .to_vec()
     });
