@@ -143,6 +143,7 @@ pub mod scene;
 pub mod settings;
 pub mod stress;
 pub mod tiles;
+pub mod tonemap;
 pub mod view;
 #[cfg(feature = "viewer")]
 pub mod viewer;
