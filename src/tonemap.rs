@@ -25,11 +25,11 @@ use crate::film::{Film, FilmError, srgb_from_linear};
 /// The linear value that the log-average luminance is brought to: middle grey (Reinhard et al. 2002, section 3).
 pub const KEY: f32 = 0.18;
 
-/// The brightest share of all pixels that are not black; these do not count: emitters, highlights and fireflies.
+/// Share of the brightest pixels, which do not count: emitters, highlights and fireflies.
 pub const BRIGHTEST: f64 = 0.1;
-/// The darkest share of the pixels that are left; these do not count either.
+/// Share of the darkest pixels, which do not count.
 pub const DARKEST: f64 = 0.1;
-/// Pixels that are more stops than this below the brightest one that counts are empty background: 2^-10 is about 1e-3.
+/// Pixels that are more stops than this below the brightest tenth are empty background: 2^-10 is about 1e-3.
 pub const EMPTY_STOPS: u32 = 10;
 
 /// Stops that an exposure may have.
@@ -172,9 +172,8 @@ impl Film {
 /// The exposure that brings the log-average luminance of a picture to [`KEY`], in stops, rounded to a hundredth: what is printed
 /// repeats the picture.
 ///
-/// Pixels that do not count: black ones and those that are not finite; the [`BRIGHTEST`] tenth of the others; those more than
-/// [`EMPTY_STOPS`] below the brightest pixel that is left; and the [`DARKEST`] tenth of what remains. A picture of nothing else
-/// has exposure 0.
+/// Pixels that do not count: black ones and those that are not finite; of the others, those more than [`EMPTY_STOPS`] below the
+/// [`BRIGHTEST`] tenth; and of what remains, the brightest and the [`DARKEST`] tenth. A picture of nothing else has exposure 0.
 #[must_use]
 pub fn auto_exposure(film: &Film) -> f32 {
     // The leading bits of a positive f32 count in steps of its logarithm: a factor of 2 is STEPS bins, exactly.
@@ -188,16 +187,19 @@ pub fn auto_exposure(film: &Film) -> f32 {
     let mut bins: Vec<(usize, f64)> =
         bins.into_iter().enumerate().filter(|(_, n)| *n > 0).map(|(bin, n)| (bin, f64::from(n))).collect();
     bins.reverse();
-    trim(&mut bins, BRIGHTEST);
-    let Some(&(brightest, _)) = bins.first() else { return 0.0 };
+    let mut brightest = bins.clone();
+    let lamps = BRIGHTEST * count(&bins);
+    trim(&mut brightest, lamps);
+    let Some(&(brightest, _)) = brightest.first() else { return 0.0 };
     bins.retain(|(bin, _)| bin + (EMPTY_STOPS * STEPS) as usize >= brightest);
+    let [lamps, shadows] = [BRIGHTEST, DARKEST].map(|share| share * count(&bins));
+    trim(&mut bins, lamps);
     bins.reverse();
-    trim(&mut bins, DARKEST);
+    trim(&mut bins, shadows);
 
     // The middle of the luminances that share a bin.
     let log2 = |bin: usize| f64::from(f32::from_bits(((bin as u32) << BELOW) | (1 << (BELOW - 1)))).log2();
-    let count: f64 = bins.iter().map(|(_, n)| n).sum();
-    let log_average = bins.iter().map(|&(bin, n)| n * log2(bin)).sum::<f64>() / count; // eq. 1, in stops
+    let log_average = bins.iter().map(|&(bin, n)| n * log2(bin)).sum::<f64>() / count(&bins); // eq. 1, in stops
     let stops = f64::from(KEY).log2() - log_average; // eq. 2
     let stops = stops.clamp((*STOPS.start()).into(), (*STOPS.end()).into());
     if !stops.is_finite() {
@@ -207,13 +209,17 @@ pub fn auto_exposure(film: &Film) -> f32 {
     ((stops * 100.0).round() / 100.0) as f32 + 0.0
 }
 
-/// Takes a share of the pixels away, from the first bins on.
-fn trim(bins: &mut Vec<(usize, f64)>, share: f64) {
-    let mut left = share * bins.iter().map(|(_, n)| n).sum::<f64>();
+/// The pixels in bins.
+fn count(bins: &[(usize, f64)]) -> f64 {
+    bins.iter().map(|(_, n)| n).sum()
+}
+
+/// Takes that many pixels away, from the first bins on.
+fn trim(bins: &mut Vec<(usize, f64)>, mut pixels: f64) {
     for (_, n) in bins.iter_mut() {
-        let taken = left.min(*n);
+        let taken = pixels.min(*n);
         *n -= taken;
-        left -= taken;
+        pixels -= taken;
     }
     bins.retain(|(_, n)| *n > 0.0);
 }

@@ -304,7 +304,7 @@ fn environments_are_replaced_scaled_and_rotated() {
 /// `--exposure auto` and its number give the same bytes, and neither changes an .exr.
 #[test]
 fn the_exposure_that_is_printed_repeats_the_picture() {
-    let folder = Folder::new("exposure");
+    let folder = Folder::new("stops");
     let [png, again, exr, json] = ["a.png", "b.png", "c.exr", "a.json"].map(|name| folder.path(name));
     let render = |path: &str, options: &[&str]| {
         let scene = ["render", "builtin:cornell_point", "--method", "reference", "--size", "32x32", "--samples", "4"];
@@ -324,7 +324,7 @@ fn the_exposure_that_is_printed_repeats_the_picture() {
     assert!(std::fs::read(&png).unwrap() != std::fs::read(&again).unwrap(), "canary: another curve");
 
     let said = render(&exr, &[]);
-    assert!(!said.contains("exposure"), "{said}");
+    assert!(!said.contains("exposure"), "radiance has none: {said}");
     let grade = Grade { stops: stops as f32, tonemap: Tonemap::Agx };
     let film = Film::load(&exr).unwrap();
     assert_eq!(film.to_srgb8(1.0).len(), grade.picture(&film).len());

@@ -612,7 +612,7 @@ mod tests {
     #[test]
     fn both_panes_have_the_exposure_of_the_first_and_it_follows_slowly_what_moves() {
         let mut state = loaded("builtin:cornell_point");
-        let mut show = |state: &mut State, pictures| {
+        let show = |state: &mut State, pictures| {
             state.accept(Desk { pictures, ..Desk::default() }, Instant::now());
             state.grade().stops
         };
