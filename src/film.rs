@@ -1,8 +1,8 @@
 //! Images of linear radiance and the files that hold them.
 //!
-//! EXR keeps every value as a 32-bit float. PNG is the stated tone map: value times exposure, clipped to [0, 1], the sRGB
-//! transfer function (IEC 61966-2-1), rounded to 8 bits. Files are written under a temporary name and then renamed, so a
-//! reader never meets half of one.
+//! EXR keeps every value as a 32-bit float. PNG holds values clipped to [0, 1] through the sRGB transfer function (IEC
+//! 61966-2-1), rounded to 8 bits; [`crate::tonemap`] writes it with an exposure and a tone curve. Files are written under a
+//! temporary name and then renamed, so a reader never meets half of one.
 
 use std::path::{Path, PathBuf};
 
@@ -67,24 +67,20 @@ impl Film {
         self.pixels.iter().flatten().filter(|v| !v.is_finite()).count() as u64
     }
 
-    /// Writes .exr (32-bit float) or .png (tone map at exposure 1), by extension.
+    /// Writes .exr (32-bit float) or .png (exposure 0 stops, clipped, sRGB), by extension.
     ///
     /// # Errors
     /// The path, the cause and what to do.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
-        self.save_exposed(path, 1.0)
+        self.save_by(path.as_ref(), &|film| film.to_srgb8(1.0))
     }
 
-    /// As [`Film::save`], with another exposure for .png; .exr holds radiance and takes none.
-    ///
-    /// # Errors
-    /// The path, the cause and what to do.
-    pub fn save_exposed(&self, path: impl AsRef<Path>, exposure: f32) -> Result<(), FilmError> {
-        let path = path.as_ref();
+    /// As [`Film::save`], with another encoding to 8-bit RGB for .png.
+    pub(crate) fn save_by(&self, path: &Path, encode: &dyn Fn(&Self) -> Vec<u8>) -> Result<(), FilmError> {
         let error = |cause: String| FilmError::Write { path: path.to_owned(), cause };
-        let write = match extension(path).as_str() {
-            "exr" => |film: &Self, path: &Path, _| film.write_exr(path),
-            "png" => Self::write_png,
+        let png = match extension(path).as_str() {
+            "exr" => false,
+            "png" => true,
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
         };
         if self.width == 0
@@ -97,21 +93,20 @@ impl Film {
         name.push(path.file_name().unwrap_or_default());
         name.push(format!(".{}.part", std::process::id()));
         let temporary = path.with_file_name(name);
-        write(self, &temporary, exposure)
-            .and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string()))
-            .map_err(|cause| {
-                // Best effort: the error that is reported is the first one.
-                let _ = std::fs::remove_file(&temporary);
-                error(match path.parent() {
-                    Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
-                        format!("the folder {} does not exist; create it first", folder.display())
-                    }
-                    _ => cause,
-                })
+        let written = if png { self.write_png(&temporary, encode(self)) } else { self.write_exr(&temporary) };
+        written.and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string())).map_err(|cause| {
+            // Best effort: the error that is reported is the first one.
+            let _ = std::fs::remove_file(&temporary);
+            error(match path.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+                    format!("the folder {} does not exist; create it first", folder.display())
+                }
+                _ => cause,
             })
+        })
     }
 
-    /// Reads .exr (half or float RGB, first layer), .hdr, or .png (the tone map undone at exposure 1), by extension.
+    /// Reads .exr (half or float RGB, first layer), .hdr, or .png (decoded as [`Film::save`] encodes it), by extension.
     ///
     /// # Errors
     /// The path, the cause and what to do.
@@ -126,7 +121,7 @@ impl Film {
         .map_err(|cause| FilmError::Read { path: path.to_owned(), cause })
     }
 
-    /// The tone-mapped image: 8-bit sRGB of value times `exposure`, clipped. NaN becomes black.
+    /// 8-bit sRGB of value times `exposure`, clipped. NaN becomes black.
     #[must_use]
     pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
         self.pixels.iter().flatten().map(|v| (srgb_from_linear(v * exposure) * 255.0 + 0.5) as u8).collect()
@@ -144,8 +139,8 @@ impl Film {
             .map_err(|e| e.to_string())
     }
 
-    fn write_png(&self, path: &Path, exposure: f32) -> Result<(), String> {
-        image::RgbImage::from_raw(self.width, self.height, self.to_srgb8(exposure))
+    fn write_png(&self, path: &Path, encoded: Vec<u8>) -> Result<(), String> {
+        image::RgbImage::from_raw(self.width, self.height, encoded)
             .ok_or("too large")?
             .save_with_format(path, image::ImageFormat::Png)
             .map_err(|e| e.to_string())
@@ -153,7 +148,7 @@ impl Film {
 }
 
 /// sRGB's transfer function, clipped to [0, 1].
-fn srgb_from_linear(linear: f32) -> f32 {
+pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     let x = linear.clamp(0.0, 1.0);
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
 }
@@ -233,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn png_is_the_stated_tone_map() {
+    fn png_is_clipped_srgb() {
         let folder = folder("png");
         let mut film = Film::new(3, 1);
         film.pixels = vec![[0.0, 1.0, 7.0], [0.214_041_14, 0.002, -1.0], [f32::NAN, f32::INFINITY, 0.5]];

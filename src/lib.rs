@@ -145,6 +145,7 @@ pub mod settings;
 pub mod staging;
 pub mod stress;
 pub mod tiles;
+pub mod tonemap;
 pub mod view;
 #[cfg(feature = "viewer")]
 pub mod viewer;

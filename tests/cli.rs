@@ -5,6 +5,7 @@ use std::process::{Command, Output};
 
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
+use lightsheaf::tonemap::{Grade, Tonemap};
 use serde_json::Value;
 
 mod common;
@@ -192,7 +193,10 @@ fn bad_outputs_are_found_before_the_scene_is_loaded() {
     fail(&["render", &scene, "-o", &out, "--stats", &folder.path("none/out.json")], "does not exist");
     fail(&["render", &scene, "-o", &out, "--stats", &folder.path("out.txt")], ".json");
     fail(&["render", &scene, "-o", &out, "--exposure", "1"], "--exposure");
-    fail(&["render", &scene, "-o", &folder.path("out.png"), "--exposure", "99"], "--exposure 99");
+    fail(&["render", &scene, "-o", &out, "--exposure", "auto"], "--exposure");
+    fail(&["render", &scene, "-o", &out, "--tonemap", "agx"], "--tonemap");
+    fail(&["render", &scene, "-o", &folder.path("out.png"), "--exposure", "99"], "-32 to 32 stops");
+    fail(&["render", &scene, "-o", &folder.path("out.png"), "--tonemap", "film"], "clip, reinhard, aces, agx");
     std::fs::create_dir(folder.path("folder.exr")).unwrap();
     fail(&["render", &scene, "-o", &folder.path("folder.exr")], "is a folder");
     // A folder in which nobody creates files.
@@ -297,6 +301,61 @@ fn environments_are_replaced_scaled_and_rotated() {
     bad(&["--env-scale", "2"], "has no environment to be scaled or rotated; `--env FILE` gives it one");
 }
 
+/// `--exposure auto` and its number give the same bytes, and neither changes an .exr.
+#[test]
+fn the_exposure_that_is_printed_repeats_the_picture() {
+    let folder = Folder::new("stops");
+    let [png, again, exr, json] = ["a.png", "b.png", "c.exr", "a.json"].map(|name| folder.path(name));
+    let render = |path: &str, options: &[&str]| {
+        let scene = ["render", "builtin:cornell_point", "--method", "reference", "--size", "32x32", "--samples", "4"];
+        let output = run(&[&scene[..], &["-o", path], options].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        stderr(&output).to_owned()
+    };
+    let said = render(&png, &["--stats", &json]);
+    let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let stops = stats["exposure_stops"].as_f64().unwrap();
+    assert!(said.contains(&format!("exposure {stops:+.2} stops (auto), agx")), "{said}");
+    assert_eq!(stats["tonemap"], "agx");
+    let said = render(&again, &["--exposure", &format!("{stops:.2}"), "--tonemap", "agx"]);
+    assert!(said.contains("stops, agx"), "{said}");
+    assert!(std::fs::read(&png).unwrap() == std::fs::read(&again).unwrap());
+    render(&again, &["--tonemap", "clip"]);
+    assert!(std::fs::read(&png).unwrap() != std::fs::read(&again).unwrap(), "canary: another curve");
+
+    let said = render(&exr, &[]);
+    assert!(!said.contains("exposure"), "radiance has none: {said}");
+    let grade = Grade { stops: stops as f32, tonemap: Tonemap::Agx };
+    let film = Film::load(&exr).unwrap();
+    assert_eq!(film.to_srgb8(1.0).len(), grade.picture(&film).len());
+    assert_eq!(Film::load(&png).unwrap().to_srgb8(1.0), grade.picture(&film));
+    // Middle tones are neither black nor white.
+    let mut bytes = grade.picture(&film);
+    bytes.sort_unstable();
+    let median = bytes[bytes.len() / 2];
+    assert!((38..192).contains(&median), "{median}");
+}
+
+/// Frames have the exposure of the first one, so that an animation does not flicker.
+#[test]
+fn frames_keep_the_exposure_of_the_first() {
+    let folder = Folder::new("frames");
+    let stops = |name: &str| {
+        let stats = std::fs::read_to_string(folder.path(name)).unwrap();
+        serde_json::from_str::<Value>(&stats).unwrap()["exposure_stops"].as_f64().unwrap()
+    };
+    let render = |options: &[&str]| {
+        let scene = ["render", "builtin:sea", "--method", "reference", "--size", "16x9", "--samples", "1", "--quiet"];
+        let output =
+            run(&[&scene[..], &["-o", &folder.path("f.png"), "--stats", &folder.path("f.json")], options].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    };
+    render(&["--frames", "0..1", "--fps", "0.3"]);
+    assert_eq!(stops("f_0000.json"), stops("f_0001.json"));
+    render(&["--at", "3.3333"]);
+    assert!(stops("f.json") != stops("f_0001.json"), "canary: alone it has another");
+}
+
 #[test]
 fn raster_renders_exr_png_and_stats() {
     if common::gpu().is_none() {
@@ -305,7 +364,7 @@ fn raster_renders_exr_png_and_stats() {
     let folder = Folder::new("raster");
     let [exr, png, json] = ["out.exr", "out.png", "out.json"].map(|name| folder.path(name));
     rendered(&exr, &["--stats", &json, "--quiet"]);
-    rendered(&png, &["--exposure", "-1"]);
+    rendered(&png, &["--exposure", "-1", "--tonemap", "clip"]);
     assert_eq!(folder.files(), ["out.exr", "out.json", "out.png"], "nothing half-written is left");
 
     let film = Film::load(&exr).unwrap();
@@ -321,6 +380,7 @@ fn raster_renders_exr_png_and_stats() {
     assert_eq!(stats["method"], "raster");
     assert_eq!(stats["size"], serde_json::json!([64, 64]));
     assert_eq!(stats["samples"], 4);
+    assert!(stats["exposure_stops"].is_null() && stats["tonemap"].is_null(), "an .exr has none");
     assert_eq!(stats["non_finite"], 0);
     assert_eq!(stats["lost_nodes"], 0);
     assert_eq!(stats["version"], env!("CARGO_PKG_VERSION"));

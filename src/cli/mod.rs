@@ -45,7 +45,7 @@ enum Command {
     /// Render a scene to an image
     Render(Box<render::RenderArgs>),
     /// Look at a scene in a window while it is rendered
-    View(Box<ViewArgs>),
+    View(Box<window::WindowArgs>),
     /// Say how far an image is from a reference, on linear RGB
     Compare(compare::CompareArgs),
     /// Take error against run time, and write a report

@@ -1,5 +1,6 @@
 //! `render`: a scene to an image, for a number of samples or for a time.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -15,9 +16,10 @@ use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tiles::Tiles;
+use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
 
 use super::output;
-use super::view::{self, ANIMATION, View, ViewArgs};
+use super::view::{self, ANIMATION, GradeArgs, View, ViewArgs};
 
 /// Most samples between two looks at the clock.
 const ROUND: u64 = 8;
@@ -29,12 +31,11 @@ const FIRST_HALF: u64 = 8;
 pub struct RenderArgs {
     #[command(flatten)]
     view: ViewArgs,
-    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB, clipped)
+    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB by --exposure and --tonemap)
     #[arg(short, long, value_name = "OUT.exr|.png")]
     output: PathBuf,
-    /// Brighten a .png by this many stops: values are multiplied by 2^STOPS
-    #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
-    exposure: Option<f32>,
+    #[command(flatten)]
+    grade: GradeArgs,
     /// Write what each strategy (s, t) gives, with its weight by MIS (sS_tT.exr; their sum is the image) and without
     /// (sS_tT_unweighted.exr), into this folder; needs a number of bounces; the reference has none
     #[arg(long, value_name = "DIR")]
@@ -57,6 +58,12 @@ pub struct RenderArgs {
     quiet: bool,
 }
 
+impl RenderArgs {
+    fn is_png(&self) -> bool {
+        self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    }
+}
+
 /// How a picture came as near to the truth as asked for, or as its budget allowed.
 struct Convergence {
     /// Its rel_mse, estimated; none where nothing can be said.
@@ -75,6 +82,9 @@ struct Stats<'a> {
     size: [u32; 2],
     /// Samples in the picture: with a budget, as many as there was time for.
     samples: u64,
+    /// Of a .png: what it was brightened by, by `--exposure auto` too, and its tone curve.
+    exposure_stops: Option<f32>,
+    tonemap: Option<Tonemap>,
     /// With `--target-error`: rel_mse as the picture's first half tells it.
     estimated_error: Option<f64>,
     /// With `--target-error`: share of all pixels' samples that was taken; settled tiles take no more.
@@ -133,7 +143,8 @@ struct Demand {
 /// Renders and writes what was asked for.
 pub fn run(args: &RenderArgs) -> Result<()> {
     let method = args.view.settings.method;
-    let (exposure, frames) = (check_outputs(args)?, frames(args)?);
+    check_outputs(args)?;
+    let (grade, frames) = (OnceCell::new(), frames(args)?);
     let began = Instant::now();
     if frames.is_empty() {
         let View { scene, settings, animations } = args.view.load()?;
@@ -144,7 +155,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         let began = Instant::now();
         let gpu = open(method, args.check_values)?;
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let job = Job { args, exposure, load, began, scene, settings, animations, frame: None, all: 1 };
+        let job = Job { args, grade: &grade, load, began, scene, settings, animations, frame: None, all: 1 };
         return job.run(gpu.as_ref(), &mut None);
     }
     let (loaded, mut settings) = args.view.open()?;
@@ -164,7 +175,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let job = Job { args, exposure, load, began, scene, settings, animations, frame: Some(frame), all };
+        let job = Job { args, grade: &grade, load, began, scene, settings, animations, frame: Some(frame), all };
         job.run(gpu.as_ref(), &mut engine)?;
     }
     Ok(())
@@ -200,8 +211,8 @@ enum Engine<'gpu> {
     Paths(Box<PathRenderer<'gpu>>),
 }
 
-/// Everything about the output that can be wrong before there is one; returns the factor of the exposure.
-fn check_outputs(args: &RenderArgs) -> Result<f32> {
+/// Everything about the output that can be wrong before there is one.
+fn check_outputs(args: &RenderArgs) -> Result<()> {
     output::check(&args.output, &["exr", "png"])?;
     if args.check_values && args.view.settings.method == Method::Reference {
         bail!("--check-values: the reference has no passes; use any other method");
@@ -209,14 +220,13 @@ fn check_outputs(args: &RenderArgs) -> Result<f32> {
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
     }
-    match args.exposure {
-        None => Ok(1.0),
-        Some(stops) if !(-32.0..=32.0).contains(&stops) => bail!("--exposure {stops}: has to be -32 to 32 stops"),
-        Some(_) if args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) => {
-            bail!("--exposure: {} keeps linear radiance; write a .png, or leave it out", args.output.display())
+    let GradeArgs { exposure, tonemap } = &args.grade;
+    for (option, given) in [("--exposure", exposure.is_some()), ("--tonemap", tonemap.is_some())] {
+        if given && !args.is_png() {
+            bail!("{option}: {} keeps linear radiance; write a .png, or leave it out", args.output.display());
         }
-        Some(stops) => Ok(stops.exp2()),
     }
+    Ok(())
 }
 
 /// Makes the folder where there is none.
@@ -234,7 +244,8 @@ fn check_strategy_images(folder: &Path, settings: &Settings) -> Result<()> {
 
 struct Job<'a> {
     args: &'a RenderArgs,
-    exposure: f32,
+    /// How .png files are written, once the first picture has said its exposure: with --frames, the others keep it.
+    grade: &'a OnceCell<Grade>,
     load: f64,
     /// When its setup did.
     began: Instant,
@@ -282,11 +293,12 @@ impl Job<'_> {
             plan: Some(serde_json::to_value(plan)?),
             ..stats
         };
-        self.finish(&film, &stats)?;
+        let samples = stats.samples;
+        self.finish(&film, stats)?;
         self.strategy_images(&mut |only| {
             let settings = Settings { only: Some(only), ..self.settings.clone() };
             let mut renderer = Renderer::new(gpu, self.scene, &settings)?;
-            renderer.render(stats.samples, &mut |_| true)?;
+            renderer.render(samples, &mut |_| true)?;
             renderer.film()
         })
     }
@@ -294,10 +306,11 @@ impl Job<'_> {
     fn paths(&self, gpu: &Gpu, renderer: &mut PathRenderer) -> Result<()> {
         let (film, stats) = self.progressive(gpu, renderer)?;
         let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
-        self.finish(&film, &stats)?;
+        let samples = stats.samples;
+        self.finish(&film, stats)?;
         self.strategy_images(&mut |only| {
             renderer.count_only(Some(only));
-            renderer.render(stats.samples, &mut |_| true)?;
+            renderer.render(samples, &mut |_| true)?;
             renderer.film()
         })
     }
@@ -435,7 +448,7 @@ impl Job<'_> {
             rays,
             ..self.empty_stats()
         };
-        self.finish(&film, &stats)
+        self.finish(&film, stats)
     }
 
     fn empty_stats(&self) -> Stats<'_> {
@@ -446,6 +459,8 @@ impl Job<'_> {
             method: self.settings.method,
             size: [self.settings.width, self.settings.height],
             samples: 0,
+            exposure_stops: None,
+            tonemap: None,
             estimated_error: None,
             taken: None,
             seconds: Seconds::default(),
@@ -488,7 +503,7 @@ impl Job<'_> {
         bar
     }
 
-    fn finish(&self, film: &Film, stats: &Stats) -> Result<()> {
+    fn finish(&self, film: &Film, mut stats: Stats) -> Result<()> {
         if stats.non_finite > 0 {
             let first = stats.non_finite_after.iter().find(|(_, count)| *count > 0);
             let first = first.map(|(pass, _)| format!(", first after the pass {pass}")).unwrap_or_default();
@@ -499,14 +514,24 @@ impl Job<'_> {
         }
         let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
         let path = named(&self.args.output);
-        film.save_exposed(&path, self.exposure)?;
+        let (exposure, tonemap) = self.args.grade.chosen();
+        let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(film), tonemap });
+        film.save_graded(&path, grade)?;
+        if self.args.is_png() {
+            (stats.exposure_stops, stats.tonemap) = (Some(grade.stops), Some(grade.tonemap));
+        }
         if let Some(path) = &self.args.stats {
-            output::write(&named(path), &(serde_json::to_string_pretty(stats)? + "\n"))?;
+            output::write(&named(path), &(serde_json::to_string_pretty(&stats)? + "\n"))?;
         }
         if !self.args.quiet {
             let Seconds { load, setup, render } = stats.seconds;
+            let shown = match exposure {
+                _ if !self.args.is_png() => String::new(),
+                Exposure::Auto => format!("; exposure {:+.2} stops (auto), {tonemap}", grade.stops),
+                Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {tonemap}"),
+            };
             eprintln!(
-                "{}: {}x{}, {} samples by {} on {}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
+                "{}: {}x{}, {} samples by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
                 path.display(),
                 film.width,
                 film.height,

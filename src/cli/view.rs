@@ -6,6 +6,7 @@ use glam::Vec3;
 use lightsheaf::scene::{EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, CameraChoice, Staging};
+use lightsheaf::tonemap::{Exposure, Tonemap};
 
 /// Scene, camera and settings.
 #[derive(clap::Args)]
@@ -48,6 +49,25 @@ pub struct ViewArgs {
     /// Turn the environment about +Y, counter-clockwise as seen from above, and a sky's sun with it
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
     pub env_rotate: Option<f32>,
+}
+
+/// How a picture is shown: the options that `render` and `view` share.
+#[derive(clap::Args)]
+pub struct GradeArgs {
+    /// Brighten the .png and the window by this many stops (values times 2^STOPS), or by `auto`: the log-average luminance
+    /// becomes middle grey, 0.18 [default: auto]
+    #[arg(long, value_name = "auto|STOPS", allow_negative_numbers = true)]
+    pub exposure: Option<Exposure>,
+    /// Bring values above 1 to the display; a .exr stays linear [default: agx]
+    #[arg(long, value_name = "CURVE")]
+    pub tonemap: Option<Tonemap>,
+}
+
+impl GradeArgs {
+    /// What is chosen.
+    pub fn chosen(&self) -> (Exposure, Tonemap) {
+        (self.exposure.unwrap_or_default(), self.tonemap.unwrap_or_default())
+    }
 }
 
 const CAMERA: &str = "Camera";

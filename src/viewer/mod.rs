@@ -6,11 +6,10 @@
 //! picture costs, and either device may be lost without the other.
 //!
 //! Everything but the window is plain library code: [`stand`] moves the camera, [`knobs`] has every setting with its sentence,
-//! [`grade`] brings radiance to the screen, [`pace`] chooses how coarse a moving picture is, [`state`] is what the user has chosen and
+//! [`crate::tonemap`] brings radiance to the screen, [`pace`] chooses how coarse a moving picture is, [`state`] is what the user has chosen and
 //! writes the command line that renders the same, and [`ui`] turns it into egui's shapes.
 
 pub mod engine;
-pub mod grade;
 pub mod knobs;
 pub mod order;
 pub mod pace;

@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::grade::Grade;
 use crate::film::Film;
 use crate::metrics::Comparison;
 use crate::renderer::RenderStats;
 use crate::scene::{Camera, Light, Scene};
 use crate::settings::{Method, OnlyStrategy, Settings};
 use crate::staging::Staging;
+use crate::tonemap::Grade;
 
 /// Which scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,7 +60,7 @@ impl Layer {
         }
     }
 
-    /// Whether exposure and curve apply to it.
+    /// Whether exposure and tone curve apply to it.
     #[must_use]
     pub fn is_radiance(self) -> bool {
         matches!(self, Self::Light | Self::Strategy(_))
@@ -185,6 +185,8 @@ pub struct Picture {
     pub film: Arc<Film>,
     /// What it shows.
     pub layer: Layer,
+    /// The exposure that [`crate::tonemap::auto_exposure`] gives it, in stops; none where it is not the whole picture.
+    pub auto_stops: Option<f32>,
     /// How many pixels of the pane are one of the film, along a side.
     pub coarseness: u32,
     /// Counts; the passes are those of the last batch.

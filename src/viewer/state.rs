@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::grade::{Curve, Grade};
 use super::knobs::Chosen;
 use super::order::{Card, Edits, Layer, Machine, Order, Pane, Picture, Source};
 use super::stand::Stand;
@@ -13,9 +12,12 @@ use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
 use crate::settings::{Method, SIDES, Settings};
 use crate::staging::Staging;
 use crate::staging::camera::AUTO;
+use crate::tonemap::{Exposure, Grade, Tonemap};
 
 /// How long after a change the picture counts as moving.
 const SETTLES: Duration = Duration::from_millis(300);
+/// Share of the way to the exposure of a moving picture that each new one takes.
+const FOLLOWS: f32 = 0.1;
 /// Notes that are kept.
 const NOTES: usize = 20;
 
@@ -36,6 +38,10 @@ pub struct Launch {
     pub animation: Option<String>,
     /// Its time in seconds.
     pub at: Option<f32>,
+    /// How bright pictures are shown.
+    pub exposure: Exposure,
+    /// By which tone curve.
+    pub tonemap: Tonemap,
 }
 
 /// An animation being watched.
@@ -127,8 +133,12 @@ pub struct State {
     pub playback: Option<Playback>,
     /// What is not as in the file.
     pub edits: Edits,
-    /// How it is shown.
-    pub grade: Grade,
+    /// How bright it is shown.
+    pub exposure: Exposure,
+    /// By which tone curve.
+    pub tonemap: Tonemap,
+    /// The exposure of [`Exposure::Auto`], in stops, once there is a picture.
+    pub auto_stops: Option<f32>,
     /// Whether VPLs are marked.
     pub marks_vpls: bool,
     /// What the studio said, newest last.
@@ -160,7 +170,9 @@ impl State {
             fov: launch.fov,
             playback: None,
             edits: Edits::default(),
-            grade: Grade::default(),
+            exposure: launch.exposure,
+            tonemap: launch.tonemap,
+            auto_stops: None,
             marks_vpls: false,
             notes: Vec::new(),
             pictures_a_second: 0.0,
@@ -242,6 +254,7 @@ impl State {
         }
         if let Some(card) = desk.card {
             self.sides.iter_mut().for_each(|side| side.picture = None);
+            self.auto_stops = None;
             self.notes.extend(card.warnings.iter().map(|text| Note::Wrong(text.clone())));
             self.notes.extend(card.notes.iter().map(|text| Note::Done(text.clone())));
             self.card = Some(card);
@@ -258,6 +271,7 @@ impl State {
         for (side, picture) in self.sides.iter_mut().zip(desk.pictures) {
             side.picture = picture.or(side.picture.take());
         }
+        self.expose();
         let (since, count) = self.counted;
         match since {
             Some(since) if now - since > Duration::from_secs(1) => {
@@ -267,6 +281,29 @@ impl State {
             Some(_) => {}
             None => self.counted = (Some(now), desk.count),
         }
+    }
+
+    /// How pictures are shown.
+    #[must_use]
+    pub fn grade(&self) -> Grade {
+        let stops = match self.exposure {
+            Exposure::Auto => self.auto_stops.unwrap_or_default(),
+            Exposure::Stops(stops) => stops,
+        };
+        Grade { stops, tonemap: self.tonemap }
+    }
+
+    /// Takes the exposure of the first pane's picture for both panes, so that they can be compared. While things move it
+    /// follows slowly, so that it does not flicker.
+    fn expose(&mut self) {
+        let exposed = |picture: &Picture| picture.auto_stops.map(|stops| (picture.order, stops));
+        let mut pictures = self.sides.iter().filter_map(|side| side.picture.as_ref());
+        let Some((order, stops)) = pictures.find_map(exposed) else { return };
+        let rests = self.sent.as_ref().is_none_or(|sent| !sent.moving && sent.number == order);
+        self.auto_stops = Some(match self.auto_stops {
+            Some(before) if !rests => before + FOLLOWS * (stops - before),
+            _ => stops,
+        });
     }
 
     /// What of the command line waited for the scene: names.
@@ -390,8 +427,15 @@ impl State {
         if let Some(radians) = rotate {
             option("env-rotate", radians.to_degrees().to_string());
         }
-        if self.grade.stops != 0.0 && output.extension().is_some_and(|e| e == "png") {
-            option("exposure", self.grade.stops.to_string());
+        if output.extension().is_some_and(|e| e == "png") {
+            match self.exposure {
+                // The file's own picture would be exposed otherwise than the one that is shown.
+                Exposure::Auto if self.active == 0 && side.layer == Layer::Light => {}
+                _ => option("exposure", self.grade().stops.to_string()),
+            }
+            if self.tonemap != Tonemap::default() {
+                option("tonemap", self.tonemap.to_string());
+            }
         }
         if let Layer::Strategy(_) = side.layer {
             option("strategy-images", "strategies".to_owned());
@@ -399,9 +443,6 @@ impl State {
         words.extend(side.chosen.arguments());
         if !self.edits.is_empty() {
             left_out.push("lights as they were edited");
-        }
-        if self.grade.curve != Curve::Clip {
-            left_out.push("the tone curve");
         }
         if !side.layer.is_radiance() {
             left_out.push("the layer");
@@ -444,6 +485,8 @@ mod tests {
             fov: None,
             animation: None,
             at: None,
+            exposure: Exposure::default(),
+            tonemap: Tonemap::default(),
         }
     }
 
@@ -531,7 +574,7 @@ mod tests {
 
         state.stand = Some(Stand { eye: Vec3::new(0.1, -2.5, 3.0), target: Vec3::ZERO });
         state.fov = Some(50.0);
-        state.grade = Grade { stops: 1.5, curve: Curve::Aces };
+        (state.exposure, state.tonemap) = (Exposure::Stops(1.5), Tonemap::Clip);
         state.playback = Some(Playback { index: 0, seconds: 0.5, playing: false });
         state.sides[0].chosen.0.insert("bounces".to_owned(), "4".to_owned());
         state.sides[0].settle();
@@ -542,12 +585,64 @@ mod tests {
             "--eye 0.1,-2.5,3 --target 0,0,0",
             "--fov 50",
             "--animation 0 --at 0.5",
-            "--exposure 1.5",
+            "--exposure 1.5 --tonemap clip",
             "--bounces 4",
         ] {
             assert!(line.contains(part), "{part}: {line}");
         }
-        assert_eq!(left_out.len(), 2);
-        assert!(!state.command_line(Path::new("a.exr")).0.contains("--exposure"));
+        assert_eq!(left_out.len(), 1);
+        let (linear, _) = state.command_line(Path::new("a.exr"));
+        assert!(!linear.contains("--exposure") && !linear.contains("--tonemap"), "{linear}");
+    }
+
+    fn picture(order: u64, auto_stops: Option<f32>) -> Picture {
+        Picture {
+            order,
+            film: std::sync::Arc::new(crate::film::Film::new(1, 1)),
+            layer: if auto_stops.is_some() { Layer::Light } else { Layer::Normal },
+            auto_stops,
+            coarseness: 1,
+            stats: crate::renderer::RenderStats::default(),
+            batch: (1, 0.1),
+            plan: "".into(),
+            vpls: Vec::new(),
+            error: None,
+            finished: false,
+        }
+    }
+
+    #[test]
+    fn both_panes_have_the_exposure_of_the_first_and_it_follows_slowly_what_moves() {
+        let mut state = loaded("builtin:cornell_point");
+        let show = |state: &mut State, pictures| {
+            state.accept(Desk { pictures, ..Desk::default() }, Instant::now());
+            state.grade().stops
+        };
+        assert_eq!(state.grade().stops, 0.0, "no picture yet");
+        let now = Instant::now();
+        state.compares = true;
+        let rest = state.order(now).unwrap().number;
+        assert_eq!(show(&mut state, [Some(picture(rest, Some(2.0))), Some(picture(rest, Some(-3.0)))]), 2.0);
+        assert_eq!(show(&mut state, [None, Some(picture(rest, Some(-1.0)))]), 2.0);
+        let (line, _) = state.command_line(Path::new("a.png"));
+        assert!(!line.contains("--exposure"), "it is the picture's own: {line}");
+        state.active = 1;
+        let (line, _) = state.command_line(Path::new("a.png"));
+        assert!(line.contains("--exposure 2"), "that of the other picture: {line}");
+
+        // A pane of normals has none.
+        assert_eq!(show(&mut state, [Some(picture(rest, None)), None]), -1.0);
+        state.walk(|stand| stand.orbit(0.1, 0.0));
+        let moving = state.order(now).unwrap();
+        assert!(moving.moving);
+        let moved = show(&mut state, [Some(picture(moving.number, Some(1.0))), None]);
+        assert!((moved - -0.8).abs() < 1e-6, "{moved}");
+        let rested = state.order(now + SETTLES).unwrap();
+        let late = show(&mut state, [Some(picture(moving.number, Some(1.0))), None]);
+        assert!(late < 1.0, "a picture of what moved: {late}");
+        assert_eq!(show(&mut state, [Some(picture(rested.number, Some(1.25))), None]), 1.25);
+
+        state.exposure = Exposure::Stops(-0.5);
+        assert_eq!(state.grade(), Grade { stops: -0.5, tonemap: Tonemap::default() });
     }
 }

@@ -15,7 +15,6 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 
 use super::engine::{Engine, judge_settings};
-use super::grade::Grade;
 use super::order::{Card, Command, Layer, Machine, Order, Picture};
 use super::pace::Pace;
 use crate::film::Film;
@@ -27,6 +26,7 @@ use crate::scene::stats::triangles_vary;
 use crate::scene::{Camera, Geometry, Scene, Viewpoint};
 use crate::settings::{Method, Settings};
 use crate::staging;
+use crate::tonemap::{self, Grade};
 
 /// Samples after which a picture is left as it is.
 pub const ENOUGH: u64 = 1 << 16;
@@ -334,7 +334,7 @@ impl Worker {
             return self.say(Note::Wrong("there is no picture yet".to_owned()));
         };
         let linear = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-        let saved = if linear || !layer.is_radiance() { film.save(path) } else { grade.baked(film).save(path) };
+        let saved = if linear || !layer.is_radiance() { film.save(path) } else { film.save_graded(path, &grade) };
         self.say(match saved {
             Ok(()) => Note::Done(format!("{} is written", path.display())),
             Err(error) => Note::Wrong(error.to_string()),
@@ -472,6 +472,7 @@ impl Worker {
                     order: order.number,
                     film,
                     layer,
+                    auto_stops: None,
                     coarseness,
                     stats,
                     batch: (1, 0.0),
@@ -541,6 +542,7 @@ impl Worker {
                     order: order.number,
                     film: Arc::new(film),
                     layer: Layer::Light,
+                    auto_stops: None,
                     coarseness,
                     stats,
                     batch: (count, seconds),
@@ -551,6 +553,9 @@ impl Worker {
                 };
                 if layer != Layer::Error {
                     picture.layer = layer;
+                }
+                if matches!(layer, Layer::Light | Layer::Error) {
+                    picture.auto_stops = Some(tonemap::auto_exposure(&picture.film));
                 }
                 if layer == Layer::Lists {
                     picture.film = Arc::new(show_lengths(&picture.film));

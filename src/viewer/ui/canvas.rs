@@ -7,7 +7,7 @@ use egui::{
 };
 
 use crate::film::Film;
-use crate::viewer::grade::{Grade, Table};
+use crate::tonemap::Grade;
 use crate::viewer::order::{Layer, Picture};
 use crate::viewer::state::State;
 use crate::viewer::studio::PANES;
@@ -23,15 +23,13 @@ const GRIP: f32 = 5.0;
 struct Shown {
     texture: TextureHandle,
     film: Arc<Film>,
-    grade: Option<Grade>,
+    grade: Grade,
 }
 
 /// What has been shown last.
 #[derive(Default)]
 pub struct Canvas {
     shown: [Option<Shown>; PANES],
-    /// Made for this grade.
-    table: Option<(Grade, Table)>,
 }
 
 impl Canvas {
@@ -54,7 +52,7 @@ impl Canvas {
                 (true, _) => Rect::from_min_max(Pos2::new(divider, rect.top()), rect.max),
             };
             let Some(picture) = &state.sides[pane].picture else { continue };
-            self.upload(ui, pane, picture, state.grade);
+            self.upload(ui, pane, picture, state.grade());
             let painter = ui.painter().with_clip_rect(part);
             if let Some(Shown { texture, .. }) = &self.shown[pane] {
                 let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
@@ -96,23 +94,13 @@ impl Canvas {
     }
 
     fn upload(&mut self, ui: &Ui, pane: usize, picture: &Picture, grade: Grade) {
-        let grade = picture.layer.is_radiance().then_some(grade);
+        let grade = if picture.layer.is_radiance() { grade } else { Grade::PLAIN };
         let same = |shown: &Shown| Arc::ptr_eq(&shown.film, &picture.film) && shown.grade == grade;
         if self.shown[pane].as_ref().is_some_and(same) {
             return;
         }
-        let wanted = grade.unwrap_or_default();
-        if self.table.as_ref().is_none_or(|(made, _)| *made != wanted) {
-            self.table = Some((wanted, wanted.table()));
-        }
-        let Some((_, table)) = &self.table else { return };
-        let Film { width, height, pixels } = &*picture.film;
-        let color = |p: &[f32; 3]| {
-            let [r, g, b] = p.map(|v| table.look_up(v));
-            Color32::from_rgb(r, g, b)
-        };
-        let size = [*width as usize, *height as usize];
-        let image = ColorImage::new(size, pixels.iter().map(color).collect());
+        let size = [picture.film.width, picture.film.height].map(|side| side as usize);
+        let image = ColorImage::from_rgb(size, &grade.picture(&picture.film));
         let film = Arc::clone(&picture.film);
         match &mut self.shown[pane] {
             Some(shown) => {

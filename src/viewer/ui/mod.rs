@@ -10,12 +10,12 @@ use std::path::PathBuf;
 use egui::{Align, CentralPanel, Context, Frame, Key, Layout, Margin, Panel, RichText, Ui};
 
 use self::canvas::Canvas;
-use super::grade::Grade;
 use super::knobs::{Knob, knobs};
 use super::order::{Layer, Picture};
 use super::state::State;
 use super::studio::Note;
 use crate::settings::Method;
+use crate::tonemap::Grade;
 
 /// Points of the panel's width, and most of it as a share of the window.
 const PANEL: f32 = 256.0;
@@ -188,7 +188,7 @@ fn summary(picture: &Picture) -> String {
 /// The file that a picture of the active side would have, and how it is shown.
 #[must_use]
 pub fn file_of(state: &State, extension: &str) -> (usize, PathBuf, Grade) {
-    (if state.compares { state.active } else { 0 }, state.free_file(extension), state.grade)
+    (if state.compares { state.active } else { 0 }, state.free_file(extension), state.grade())
 }
 
 #[cfg(test)]
@@ -202,6 +202,7 @@ mod tests {
     use crate::scene::builtin;
     use crate::staging::Staging;
     use crate::settings::Settings;
+    use crate::tonemap::{Exposure, Tonemap};
     use crate::viewer::order::{Card, Machine};
     use crate::viewer::state::Launch;
     use crate::viewer::studio::Desk;
@@ -226,6 +227,8 @@ mod tests {
                 fov: None,
                 animation: None,
                 at: None,
+                exposure: Exposure::Auto,
+                tonemap: Tonemap::Agx,
             });
             let scene = builtin::load("cornell_point").unwrap();
             let card = Card {
@@ -240,6 +243,7 @@ mod tests {
                 order: 1,
                 film: Arc::new(Film::new(8, 6)),
                 layer: Layer::Light,
+                auto_stops: Some(1.5),
                 coarseness: 1,
                 stats: RenderStats { samples: 3, ..RenderStats::default() },
                 batch: (1, 0.01),

@@ -1,13 +1,14 @@
 //! The panel: everything that can be chosen, and what came of it.
 
-use egui::{CollapsingHeader, ComboBox, DragValue, RichText, Slider, Ui};
+use clap::ValueEnum as _;
+use egui::{CollapsingHeader, ComboBox, DragValue, RichText, Slider, SliderClamping, Ui};
 use glam::Vec3;
 
 use super::canvas::layer_name;
 use super::{Action, Interface, METHODS, report, settings};
 use crate::scene::Light;
 use crate::settings::{OnlyStrategy, UNLIMITED};
-use crate::viewer::grade::Curve;
+use crate::tonemap::{Exposure, Tonemap};
 use crate::viewer::order::Layer;
 use crate::viewer::state::{Playback, State};
 use crate::viewer::studio::Note;
@@ -122,11 +123,23 @@ impl Interface {
     }
 
     fn display(&mut self, ui: &mut Ui, state: &mut State) {
-        ui.add(Slider::new(&mut state.grade.stops, STOPS).text("stops").step_by(0.1))
-            .on_hover_text("Exposure: values are multiplied by 2 to this");
+        ui.horizontal(|ui| {
+            let mut auto = state.exposure == Exposure::Auto;
+            let hint = "Exposure by the picture's log-average luminance; of two pictures, by that of the left one";
+            let mut stops = state.grade().stops;
+            if ui.checkbox(&mut auto, "auto").on_hover_text(hint).changed() {
+                state.exposure = if auto { Exposure::Auto } else { Exposure::Stops(hundredths(stops)) };
+            }
+            let slider = Slider::new(&mut stops, STOPS).clamping(SliderClamping::Edits).fixed_decimals(2).text("stops");
+            if ui.add(slider).on_hover_text("Exposure: values are multiplied by 2 to this").changed() {
+                state.exposure = Exposure::Stops(hundredths(stops));
+            }
+        });
         ui.horizontal_wrapped(|ui| {
-            for (curve, name) in Curve::ALL {
-                ui.selectable_value(&mut state.grade.curve, curve, name);
+            for tonemap in Tonemap::ALL {
+                let help = tonemap.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string));
+                ui.selectable_value(&mut state.tonemap, tonemap, tonemap.to_string())
+                    .on_hover_text(help.unwrap_or_default());
             }
         });
         ui.checkbox(&mut state.marks_vpls, "mark VPLs")
@@ -162,6 +175,11 @@ impl Interface {
             }
         });
     }
+}
+
+/// What the command line prints and takes.
+fn hundredths(stops: f32) -> f32 {
+    (stops * 100.0).round() / 100.0
 }
 
 fn camera(ui: &mut Ui, state: &mut State) {
