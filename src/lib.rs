@@ -117,6 +117,7 @@
 pub mod acceleration;
 pub mod bench;
 pub mod bundle_directions;
+pub mod cost;
 pub mod film;
 pub mod frame;
 pub mod gpu;

@@ -34,11 +34,11 @@ fn one_light() -> SceneStats {
 }
 
 fn bounces(bounces: u32) -> Settings {
-    Settings { bounces, ..Settings::default() }
+    Settings { bounces, ..Settings::plain() }
 }
 
 fn with(strategies: Strategies, bounces: u32) -> Settings {
-    Settings { strategies, bounces, ..Settings::default() }
+    Settings { strategies, bounces, ..Settings::plain() }
 }
 
 /// Of a scene with few lights.
@@ -297,7 +297,7 @@ fn many_triangles_share_a_look() {
     let looks = |triangles, settings: &Settings, camera: &Camera| {
         plan(&SceneStats { triangles, ..one_light() }, settings).iterations_a_look(camera)
     };
-    let base = Settings { width: 64, height: 64, ..Settings::default() };
+    let base = Settings { width: 64, height: 64, ..Settings::plain() };
     assert_eq!([1024, 1025].map(|triangles| looks(triangles, &base, &pinhole)), [1, 2]);
     assert_eq!(looks(1025, &base, &lens), 1);
     assert_eq!(looks(1025, &Settings { history: 2, ..base.clone() }, &pinhole), 1);
@@ -405,7 +405,7 @@ fn flags_follow_the_scene() {
     assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), ["MASKS"]);
     let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
     assert_eq!(flags(&all), ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"]);
-    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::default() });
+    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::plain() });
     assert!(fast(Visibility::Fast).fast && !fast(Visibility::Exact).fast);
     assert!(fast(Visibility::Fast).node_words() > fast(Visibility::Exact).node_words());
     assert!(fast(Visibility::Fast).has_depth_maps() && !fast(Visibility::Exact).has_depth_maps());
@@ -414,7 +414,7 @@ fn flags_follow_the_scene() {
 #[test]
 fn bytes_grow_with_what_is_asked_for() {
     let bytes = |settings: &Settings| plan(&one_light(), settings).bytes;
-    let base = Settings { bundle_resolution: Some(128), ..Settings::default() };
+    let base = Settings { bundle_resolution: Some(128), ..Settings::plain() };
     let small = bytes(&base);
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
     // Two bands' pixels are followed at once, more by the band; then only the film and the G-buffer grow.
@@ -432,7 +432,7 @@ fn bytes_grow_with_what_is_asked_for() {
     assert!(more > small);
     // A finer scene gets finer views, within bounds.
     let resolution = |mean_triangle_size| {
-        let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::default());
+        let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::plain());
         [plan.bundle_resolution, plan.light_resolution, plan.vpl_resolution]
     };
     let (coarse, fine, finest) = (resolution(0.5), resolution(0.01), resolution(0.0));
@@ -445,9 +445,9 @@ fn bytes_grow_with_what_is_asked_for() {
         let stats = SceneStats { mean_triangle_size: 0.0, ..one_light() };
         plan_of(&stats, &Settings { light_pool: Some(8), ..settings }).light_resolution
     };
-    let fast = Settings { visibility: Visibility::Fast, ..Settings::default() };
-    assert_eq!([pooled(Settings::default()), pooled(fast)], [64, finest[1]]);
+    let fast = Settings { visibility: Visibility::Fast, ..Settings::plain() };
+    assert_eq!([pooled(Settings::plain()), pooled(fast)], [64, finest[1]]);
     // What the user asks for stands.
     assert_eq!(plan(&one_light(), &base).bundle_resolution, 128);
-    assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::default() }), 256);
+    assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::plain() }), 256);
 }

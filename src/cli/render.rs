@@ -368,7 +368,7 @@ impl Job<'_> {
         bar: &ProgressBar,
     ) -> Result<Convergence, RenderError> {
         let Settings { width, height, .. } = *self.settings;
-        let settles = self.settings.settles() && self.args.strategy_images.is_none();
+        let settles = renderer.settles() && self.args.strategy_images.is_none();
         let clock = self.settings.budget.map(Clock::new);
         let mut tiles = Tiles::new(width, height);
         let (mut samples, mut taken, mut half, mut error) = (0, 0, None, None);

@@ -49,6 +49,8 @@ pub struct SceneStats {
     pub triangles_vary: bool,
     /// Whether any vertex has a colour.
     pub vertex_colors: bool,
+    /// Whether a camera has a lens.
+    pub lens: bool,
     /// Half the diagonal of the bounding box, metres.
     pub radius: f32,
     /// Mean of the square roots of the triangles' areas over the radius: how fine the geometry is.
@@ -110,6 +112,7 @@ impl SceneStats {
             tessellated_triangles: geometry.tessellated,
             triangles_vary: triangles_vary(scene),
             vertex_colors: scene.meshes.iter().any(|m| !m.colors.is_empty()),
+            lens: scene.cameras.iter().any(|camera| camera.lens.is_some_and(|lens| lens.radius > 0.0)),
             radius,
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }
