@@ -380,21 +380,26 @@ impl FramePlan {
             () if !noisy => "nothing has noise that a filter would take away",
             () => "",
         };
-        let Cost { fills, .. } = self.cost;
-        let (side, share) = (self.cost.side(), 100.0 * self.cost.share());
-        match side {
-            _ if !one.is_empty() => (1, format!("auto: {one}")),
-            1 if fills == 1 => (1, "auto: pixels are few".to_owned()),
-            _ => (side, format!("auto: by the model a light subpath takes {share:.1} % of what all pixels take")),
+        if !one.is_empty() {
+            return (1, format!("auto: {one}"));
         }
+        let Cost { fills, gains, .. } = self.cost;
+        let (side, share) = (self.cost.side(), 100.0 * self.cost.share());
+        let bound = match side {
+            _ if side == gains => "; more gains little, since edges need some iterations",
+            _ if side == fills => "; pixels are few",
+            _ => "",
+        };
+        (side, format!("auto: by the model a light subpath takes {share:.1} % of what all pixels take{bound}"))
     }
 
     /// What an iteration does, as the model of its cost asks. The twin's is that of raster, so that both have the same random numbers.
     fn work(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Work {
-        // Views around lights without extent are kept, if each has its own.
-        let kept = |n: usize| {
-            let own = self.direct_lights > 0 && (n == 0 || n >= self.other_lights_view());
-            (own || n == 0 && stats.lights == 1 && !self.starts_from_met) && stats.lights == stats.sharp_lights
+        // Views around lights without extent are kept, if each light has its own.
+        let (alone, others) = (stats.lights == 1 && !self.starts_from_met, self.other_lights_view());
+        let kept = |n: usize| match self.direct_lights {
+            0 => n == 0 && alone && stats.sharp_lights == 1,
+            _ => (n == 0 || n >= others) && n.saturating_sub(others - 1) < stats.sharp_lights,
         };
         let around_pool = if self.has_pool() { u64::from(self.light_pool - 1) } else { 0 };
         let times = |n: usize| if self.pool_view() == Some(n) { around_pool } else { 1 };
@@ -408,8 +413,8 @@ impl FramePlan {
             pixels: self.grid.layer().iter().map(|&side| u64::from(side)).product(),
             connections: self.connections.iter().map(|c| u64::from(self.points_joined(c))).sum::<u64>() + around_pool,
             extensions: self.extensions.len() as u64,
-            textured: stats.texels > 0,
             glossy: self.glossy(),
+            narrow_metals: stats.narrow_metals,
             filtered: !settings.unfiltered,
             software: capabilities.software,
         }

@@ -134,9 +134,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let (exposure, frames) = (check_outputs(args)?, frames(args)?);
     let began = Instant::now();
     if frames.is_empty() {
-        let View { scene, settings, animations } = args.view.load()?;
+        let View { scene, mut settings, animations } = args.view.load()?;
         if let Some(folder) = &args.strategy_images {
             check_strategy_images(folder, &settings)?;
+            // They add up to the picture, which a filter would change.
+            settings.interleave.get_or_insert(1);
         }
         let load = began.elapsed().as_secs_f64();
         let began = Instant::now();
