@@ -144,9 +144,9 @@ fn plans(criterion: &mut Criterion) {
     let geometry = Geometry::new(&room);
     let stats = SceneStats::new(&room, &geometry);
     group.bench_function("scene_stats, 60000 triangles", |b| b.iter(|| SceneStats::new(black_box(&room), &geometry)));
-    let raster = Settings::default();
+    let raster = Settings::plain();
     group.bench_function("raster", |b| b.iter(|| FramePlan::new(black_box(&stats), &raster, &capabilities)));
-    let paths = Settings { method: Method::RayQuery, ..Settings::default() };
+    let paths = Settings { method: Method::RayQuery, ..Settings::plain() };
     group.bench_function("ray-query", |b| b.iter(|| PathPlan::new(black_box(&room), &stats, &paths, &capabilities)));
     let flags: Flags = &[];
     group.bench_function("link extend", |b| b.iter(|| link(black_box("extend"), flags)));

@@ -47,6 +47,7 @@
 //! # Few samples
 //!
 //! [`grid`] says which pixels share a light subpath: all, or, interleaved, those of a class, each of which has one and views of its own.
+//! [`cost`] says how many classes there are, by a model of what views and pixels take.
 //! Then the iteration fills layers instead of the film, and [`live`] makes a picture of them and of what frames before left:
 //! [`passes::gradient`], [`passes::temporal`], [`passes::filter`], [`passes::outliers`], [`passes::compose`],
 //! [`passes::antialias`].
@@ -118,6 +119,7 @@
 pub mod acceleration;
 pub mod bench;
 pub mod bundle_directions;
+pub mod cost;
 pub mod film;
 pub mod frame;
 pub mod gpu;

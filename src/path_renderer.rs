@@ -296,6 +296,10 @@ impl Progressive for PathRenderer<'_> {
         self.pixels.settled.as_mut().ok_or_else(tiles::never)?.write(self.gpu, tiles, self.samples)
     }
 
+    fn settles(&self) -> bool {
+        self.settings.settles()
+    }
+
     fn film(&self) -> Result<Film, RenderError> {
         let Pixels { film, settled, .. } = &self.pixels;
         read_film(self.gpu, std::iter::once(film), &self.settings, self.samples, settled.as_ref())

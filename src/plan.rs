@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::cost::{Cost, Work};
 use crate::film;
 use crate::gpu::Capabilities;
 use crate::grid::Grid;
@@ -156,6 +157,10 @@ pub struct FramePlan {
     pub bounces: u32,
     /// Which pixels share a light subpath, and which are followed at a time, so that what is kept per pixel is bounded.
     pub grid: Grid,
+    /// Why its squares have the side that they have.
+    pub interleave: String,
+    /// What an iteration takes by the model that chooses the side.
+    pub cost: Cost,
     /// Whether tiles of the picture take no more samples once they have settled.
     pub settles: bool,
     /// Whether direct light has no noise that a filter should take away.
@@ -310,8 +315,7 @@ impl FramePlan {
             extensions,
             list_lengths,
             camera_meets: meets(0),
-            shares_looks: !settings.is_live()
-                && 4 * stats.triangles as u64 > u64::from(settings.width) * u64::from(settings.height),
+            shares_looks: false,
             bundle_resolution,
             bundle_slabs,
             light_resolution,
@@ -322,22 +326,30 @@ impl FramePlan {
             bounces,
             grid: Grid {
                 size: [settings.width, settings.height],
-                layered: settings.is_live(),
-                side: settings.interleave,
+                layered: false,
+                side: 1,
                 scale: settings.upsample,
                 band_pixels: 0,
             },
-            settles: settings.settles(),
+            interleave: String::new(),
+            cost: Cost::default(),
+            settles: false,
             clear_light: stats.emissive_triangles == 0
                 && lights == stats.sharp_lights
                 && light_pool == 1
                 && (lights == 1 || one_each),
-            filtered: settings.interleave > 1 && !settings.unfiltered,
-            tamed: settings.tame_outliers && settings.is_live(),
+            filtered: false,
+            tamed: settings.tame_outliers,
             history: settings.history,
             bytes: 0,
         };
+        plan.cost = Cost::new(&plan.work(stats, settings, capabilities));
+        (plan.grid.side, plan.interleave) = plan.choose_side(stats, settings);
         let pixels = u64::from(settings.width) * u64::from(settings.height);
+        plan.grid.layered = plan.grid.side > 1 || settings.is_live();
+        plan.filtered = plan.grid.side > 1 && !settings.unfiltered;
+        plan.settles = settings.target_error.is_some() && !plan.is_live();
+        plan.shares_looks = !plan.is_live() && 4 * stats.triangles as u64 > pixels;
         let usual = if plan.has_pool() && !plan.reuses() {
             POOL_BAND_PIXELS
         } else if pixels <= u64::from(TWO_BANDS) {
@@ -351,10 +363,68 @@ impl FramePlan {
         plan
     }
 
+    /// The side of the squares whose pixels have light subpaths of their own, and why.
+    fn choose_side(&self, stats: &SceneStats, settings: &Settings) -> (u32, String) {
+        if let Some(side) = settings.interleave {
+            return (side, "as asked for".to_owned());
+        }
+        let noisy = self.connections.iter().any(|c| !self.is_clear(c)) || !self.extensions.is_empty();
+        let one = match () {
+            () if self.list_lengths => "lengths of lists have no filter",
+            () if settings.only.is_some() => "a strategy alone is not filtered",
+            () if settings.strategies != Strategies::All => "only all strategies together are filtered unasked",
+            () if self.reuse.is_some() => "--light-sampling restir looks back at pictures that are not filtered",
+            () if settings.aperture.map_or(stats.lens, |radius| radius > 0.0) => {
+                "a lens needs many iterations, each of which looks through one point of it"
+            }
+            () if !noisy => "nothing has noise that a filter would take away",
+            () => "",
+        };
+        if !one.is_empty() {
+            return (1, format!("auto: {one}"));
+        }
+        let Cost { fills, gains, .. } = self.cost;
+        let (side, share) = (self.cost.side(), 100.0 * self.cost.share());
+        let bound = match side {
+            _ if side == gains => "; more gains little, since edges need some iterations",
+            _ if side == fills => "; pixels are few",
+            _ => "",
+        };
+        (side, format!("auto: by the model a light subpath takes {share:.1} % of what all pixels take{bound}"))
+    }
+
+    /// What an iteration does, as the model of its cost asks. The twin's is that of raster, so that both have the same random numbers.
+    fn work(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Work {
+        // Views around lights without extent are kept, if each light has its own.
+        let (alone, others) = (stats.lights == 1 && !self.starts_from_met, self.other_lights_view());
+        let kept = |n: usize| match self.direct_lights {
+            0 => n == 0 && alone && stats.sharp_lights == 1,
+            _ => (n == 0 || n >= others) && n.saturating_sub(others - 1) < stats.sharp_lights,
+        };
+        let around_pool = if self.has_pool() { u64::from(self.light_pool - 1) } else { 0 };
+        let times = |n: usize| if self.pool_view() == Some(n) { around_pool } else { 1 };
+        let filled: Vec<_> =
+            self.views().iter().enumerate().filter(|&(n, _)| !kept(n)).map(|(n, t)| (times(n), t.count())).collect();
+        Work {
+            // Steps of an eighth where they vary with the view, so that frames of an animation have the same side.
+            triangles: stats.triangle_room() as u64,
+            views: filled.iter().map(|(times, _)| times).sum(),
+            texels: filled.iter().map(|(times, texels)| times * texels).sum(),
+            pixels: self.grid.layer().iter().map(|&side| u64::from(side)).product(),
+            connections: self.connections.iter().map(|c| u64::from(self.points_joined(c))).sum::<u64>() + around_pool,
+            extensions: self.extensions.len() as u64,
+            glossy: self.glossy(),
+            narrow_metals: stats.narrow_metals,
+            filtered: !settings.unfiltered,
+            software: capabilities.software,
+        }
+    }
+
     /// Whether it asks for the same as another plan, if for other numbers of triangles.
     #[must_use]
     pub fn does_as(&self, other: &Self) -> bool {
-        *self == Self { bytes: self.bytes, ..other.clone() }
+        let Self { bytes, cost, ref interleave, .. } = *self;
+        *self == Self { bytes, cost, interleave: interleave.clone(), ..other.clone() }
     }
 
     /// Iterations that look from the same point through the same place of each pixel, and so share a G-buffer. A lens, and frames of a
@@ -808,6 +878,7 @@ impl fmt::Display for FramePlan {
             let runs = if p.runs == 0 { "skip".to_owned() } else { p.runs.to_string() };
             writeln!(f, "{:<14} {:>4}  {}", p.name, runs, p.reason)?;
         }
+        writeln!(f, "{:<14} {:>4}  {}", "interleave", self.grid.side, self.interleave)?;
         writeln!(
             f,
             "surface code   {}",

@@ -68,8 +68,12 @@ pub trait Progressive {
     /// right and at the bottom perhaps smaller. These keep the pictures they have; the others go on as if all did.
     ///
     /// # Errors
-    /// [`RenderError::Setting`] for another number of tiles, and where [`Settings::settles`] is false.
+    /// [`RenderError::Setting`] for another number of tiles, and where [`Self::settles`] is false.
     fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError>;
+
+    /// Whether tiles may settle: not where frames are filtered.
+    #[must_use]
+    fn settles(&self) -> bool;
 
     /// The picture so far: the mean of each pixel's samples.
     ///
@@ -344,6 +348,10 @@ impl Progressive for Renderer<'_> {
 
     fn settle(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
         self.frame.pixels.settled.as_mut().ok_or_else(tiles::never)?.write(self.gpu, tiles, self.samples)
+    }
+
+    fn settles(&self) -> bool {
+        self.plan.settles
     }
 
     fn film(&self) -> Result<Film, RenderError> {

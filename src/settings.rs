@@ -6,6 +6,8 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
 /// `bounces` without a limit, for `path` and the reference.
 pub const UNLIMITED: u32 = u32::MAX;
 
@@ -26,6 +28,12 @@ const POOLS: RangeInclusive<u32> = 1..=256;
 /// Layer pixels along a side of a square that shares its samples, and image pixels along a side of a layer's.
 const SIDES_OF_SQUARES: RangeInclusive<u32> = 1..=8;
 const SCALES: RangeInclusive<u32> = 1..=16;
+
+/// The side of the squares of interleaved sampling. None: the plan chooses ([`crate::plan::FramePlan::interleave`]).
+pub type Interleave = Option<u32>;
+
+/// The word for a value that the plan chooses.
+const AUTO: &str = "auto";
 
 /// Frames that a pixel remembers.
 const HISTORIES: RangeInclusive<u32> = 0..=1024;
@@ -297,10 +305,10 @@ pub struct Settings {
     /// [default: 262144, with a light pool 1048576]
     #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
     pub band_pixels: Option<u32>,
-    /// Interleaved sampling: pixels along a side of the squares whose pixels each have a light subpath and bundles of their own, 1 to 8,
-    /// joined by a filter; 1: all pixels share one
-    #[arg(long, value_name = "N", default_value_t = Self::default().interleave, allow_negative_numbers = true, help_heading = LIVE)]
-    pub interleave: u32,
+    /// Interleaved sampling: pixels along a side of the squares whose pixels each have a light subpath and bundles of their own, joined by
+    /// a filter; 1: all pixels share one; auto: the plan chooses by what views and pixels cost
+    #[arg(long, value_name = "N", default_value = AUTO, value_parser = sides_of_squares(), allow_negative_numbers = true, help_heading = LIVE)]
+    pub interleave: Interleave,
     /// Leave what --interleave splits unfiltered
     #[arg(long, help_heading = LIVE)]
     pub unfiltered: bool,
@@ -360,7 +368,7 @@ impl Default for Settings {
             clamp_samples: 16.0,
             list_room: 1.0,
             band_pixels: None,
-            interleave: 1,
+            interleave: None,
             unfiltered: false,
             history: 0,
             upsample: 1,
@@ -369,6 +377,15 @@ impl Default for Settings {
             focus: None,
             camera: 0,
         }
+    }
+}
+
+impl Settings {
+    /// The plain estimator, all else at its default: one light subpath serves all pixels, and iterations are summed as they are, without a
+    /// filter.
+    #[must_use]
+    pub fn plain() -> Self {
+        Self { interleave: Some(1), ..Self::default() }
     }
 }
 
@@ -435,7 +452,7 @@ impl Settings {
             return wrong("--light-pool", &points, format!("has to be {}", span(&POOLS)));
         }
         for (option, value, range) in [
-            ("--interleave", self.interleave, SIDES_OF_SQUARES),
+            ("--interleave", self.interleave.unwrap_or(1), SIDES_OF_SQUARES),
             ("--history", self.history, HISTORIES),
             ("--upsample", self.upsample, SCALES),
         ] {
@@ -455,7 +472,7 @@ impl Settings {
             }
         }
         for (option, given, needed, wanted) in [
-            ("--unfiltered", self.unfiltered, self.interleave > 1, "--interleave"),
+            ("--unfiltered", self.unfiltered, self.interleaves(), "--interleave of 2 or more"),
             ("--tame-outliers", self.tame_outliers, self.is_live(), "--interleave, --history or --upsample"),
         ] {
             if given && !needed {
@@ -474,13 +491,19 @@ impl Settings {
         self.check_foreign()
     }
 
-    /// Whether pictures are filtered frame by frame rather than only summed.
+    /// Whether pictures are asked to be filtered frame by frame rather than only summed. Where it is left to the plan, the plan says
+    /// ([`crate::plan::FramePlan::is_live`]).
     #[must_use]
     pub fn is_live(&self) -> bool {
-        self.interleave > 1 || self.history > 0 || self.upsample > 1
+        self.interleaves() || self.history > 0 || self.upsample > 1
     }
 
-    /// Whether tiles of pictures may settle: take no more samples once they are as near to the truth as asked for.
+    fn interleaves(&self) -> bool {
+        self.interleave.is_some_and(|side| side > 1)
+    }
+
+    /// Whether tiles of pictures that are not filtered may settle: take no more samples once they are as near to the truth as asked for.
+    /// A raster plan that chooses to filter says otherwise ([`crate::plan::FramePlan::settles`]).
     #[must_use]
     pub fn settles(&self) -> bool {
         self.target_error.is_some() && !self.is_live()
@@ -536,7 +559,7 @@ impl Settings {
             ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.map(|l| l.to_string()), "raster, twin and path"),
-            live("--interleave", self.interleave, default.interleave),
+            live("--interleave", self.interleave.unwrap_or(1), 1),
             live("--history", self.history, default.history),
             live("--upsample", self.upsample, default.upsample),
             ("--restir-bias", bias, "raster, twin and path with --light-sampling restir"),
@@ -555,6 +578,11 @@ impl Settings {
 
 fn span<T: fmt::Display>(range: &RangeInclusive<T>) -> String {
     format!("{} to {}", range.start(), range.end())
+}
+
+/// `auto` or a side, as the command line takes them.
+fn sides_of_squares() -> impl TypedValueParser<Value = Interleave> {
+    PossibleValuesParser::new([AUTO, "1", "2", "3", "4", "5", "6", "7", "8"]).map(|text| text.parse().ok())
 }
 
 /// `unlimited` or a number, as the command line takes bounces.
@@ -594,7 +622,7 @@ mod tests {
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
             Settings { method: Method::Path, light_sampling: Some(LightSampling::Tree), ..base.clone() },
-            Settings { light_sampling: Some(LightSampling::Ris), interleave: 2, ..base.clone() },
+            Settings { light_sampling: Some(LightSampling::Ris), interleave: Some(2), ..base.clone() },
             Settings {
                 light_sampling: Some(LightSampling::Restir),
                 restir_bias: RestirBias::Biased,
@@ -635,6 +663,14 @@ mod tests {
             ("--light-sampling", {
                 Settings { light_sampling: Some(LightSampling::Restir), history: 4, ..base.clone() }
             }),
+            ("--light-sampling", {
+                Settings { light_sampling: Some(LightSampling::Restir), interleave: Some(2), ..base.clone() }
+            }),
+            ("--interleave", Settings { interleave: Some(0), ..base.clone() }),
+            ("--interleave", Settings { interleave: Some(9), ..base.clone() }),
+            ("--interleave", Settings { method: Method::Path, interleave: Some(2), ..base.clone() }),
+            ("--unfiltered", Settings { unfiltered: true, ..base.clone() }),
+            ("--tame-outliers", Settings { tame_outliers: true, ..base.clone() }),
             ("--restir-memory", {
                 Settings { light_sampling: Some(LightSampling::Restir), restir_memory: 4.0, ..base.clone() }
             }),

@@ -496,7 +496,7 @@ fn posed_pictures(scene: &Scene) -> Vec<Scene> {
 #[test]
 fn raster_twin_and_reference_agree_on_frames() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    let base = Settings { width: 32, height: 32, bounces: 1, ..Settings::default() };
+    let base = Settings { width: 32, height: 32, bounces: 1, ..Settings::plain() };
     let (files, mut moving) = (files(), 0);
     for (scene, _) in &files {
         let poses: Vec<_> = posed_pictures(scene).into_iter().map(matte).collect();
@@ -557,7 +557,7 @@ fn a_pose_is_what_a_new_renderer_makes_of_it() {
     let poses = posed_pictures(&load(&shared.join("scenes/gltf").join("Fox/glTF-Binary/Fox.glb")));
     // The same where every triangle is a light that moves, over a floor.
     let shining: Vec<_> = poses.iter().cloned().map(|pose| on_a_floor(pose, Geometry::new(&poses[0]).bounds)).collect();
-    let base = Settings { width: 48, height: 48, bounces: 1, ..Settings::default() };
+    let base = Settings { width: 48, height: 48, bounces: 1, ..Settings::plain() };
     let methods = [Method::Raster, Method::Twin, Method::Path, Method::RayQuery].map(|method| (method, &poses));
     for (method, poses) in methods.into_iter().chain([(Method::Raster, &shining), (Method::RayQuery, &shining)]) {
         let settings = Settings { method, ..base.clone() };
@@ -598,7 +598,7 @@ fn poses_keep_pipelines_and_buffers() {
     // One of its own, since others count on the same one.
     let gpu = Gpu::new().unwrap();
     let poses = posed_pictures(&load(&shared.join("scenes/gltf").join("RiggedSimple/glTF/RiggedSimple.gltf")));
-    let settings = Settings { width: 16, height: 16, bounces: 1, ..Settings::default() };
+    let settings = Settings { width: 16, height: 16, bounces: 1, ..Settings::plain() };
     let mut renderer = Renderer::new(&gpu, &poses[0], &settings).unwrap();
     picture(&mut renderer, 1);
     let first = gpu.ledger.counts();

@@ -15,7 +15,7 @@ fn raster_runs_on_a_device_without_ray_queries() {
     assert!(!gpu.capabilities.ray_queries);
     assert!(!gpu.device.features().intersects(RAY_TRACING));
     let scene = lightsheaf::scene::load("builtin:cornell_point").unwrap();
-    let settings = Settings { width: 16, height: 16, samples: 2, ..Settings::default() };
+    let settings = Settings { width: 16, height: 16, samples: 2, ..Settings::plain() };
     let (film, stats) = common::raster(gpu, &scene, &settings);
     assert_eq!(stats.non_finite, 0);
     assert!(film.pixels.iter().flatten().sum::<f32>() > 1.0);

@@ -17,7 +17,7 @@ use lightsheaf::settings::{Settings, Visibility};
 const TOLERANCE: f64 = 1e-4;
 
 fn settings(visibility: Visibility, seed: u32) -> Settings {
-    Settings { width: 64, height: 64, samples: 32, visibility, seed, ..Settings::default() }
+    Settings { width: 64, height: 64, samples: 32, visibility, seed, ..Settings::plain() }
 }
 
 /// Holds a picture against its golden one; an error says where the pictures lie.

@@ -40,7 +40,7 @@ struct Guard {
 
 fn methods() -> [(&'static str, Settings); 5] {
     // With room for all lists: what an iteration that has to be redone wanted of later views depends on which nodes were lost.
-    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, ..Settings::default() };
+    let base = Settings { width: 64, height: 64, samples: 32, seed: 1, ..Settings::plain() };
     let raster = Settings { list_room: 4.0, ..base.clone() };
     let of = |method| Settings { method, ..base.clone() };
     [

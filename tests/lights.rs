@@ -21,7 +21,7 @@ const METHODS: [Method; 5] = [Method::Reference, Method::Path, Method::RayQuery,
 /// A small square picture by any method, with how many values are not finite; none where there is no device.
 fn picture(scene: &Scene, method: Method, samples: u32, bounces: u32) -> Option<(Film, u64)> {
     let side = 8;
-    let settings = Settings { method, width: side, height: side, samples, bounces, ..Settings::default() };
+    let settings = Settings { method, width: side, height: side, samples, bounces, ..Settings::plain() };
     let progressive = |renderer: &mut dyn Progressive| {
         renderer.render(u64::from(samples), &mut |_| true).unwrap();
         (renderer.film().unwrap(), renderer.stats().non_finite)

@@ -14,7 +14,7 @@ use lightsheaf::scene::{Light, Material, Scene, builtin, shapes};
 use lightsheaf::settings::Settings;
 
 fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
-    Settings { width: 64, height: 64, interleave, history, samples, seed: 5, ..Settings::default() }
+    Settings { width: 64, height: 64, interleave: Some(interleave), history, samples, seed: 5, ..Settings::plain() }
 }
 
 fn live() -> Settings {
@@ -60,7 +60,7 @@ fn layers_add_up_to_the_picture() {
     let Some(gpu) = gpu() else { return };
     for name in ["cornell_point", "cornell_glossy", "cornell_area", "cornell_env", "corner_spikes", "point_hall:40"] {
         let scene = builtin::load(name).unwrap();
-        let plain = Settings { width: 40, height: 30, samples: 1, ..Settings::default() };
+        let plain = Settings { width: 40, height: 30, samples: 1, ..Settings::plain() };
         let whole = raster(gpu, &scene, &plain).0;
         let apart = raster(gpu, &scene, &Settings { history: 1, ..plain }).0;
         let brightest = whole.pixels.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));

@@ -28,7 +28,7 @@ fn counts(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<(&'static str, u
 }
 
 fn settings(method: Method) -> Settings {
-    Settings { method, width: 8, height: 8, ..Settings::default() }
+    Settings { method, width: 8, height: 8, ..Settings::plain() }
 }
 
 fn room_with(light: Option<Light>) -> Scene {

@@ -3,7 +3,7 @@
 use lightsheaf::gpu::Capabilities;
 use lightsheaf::plan::{Connection, FramePlan};
 use lightsheaf::scene::{Camera, Lens, SceneStats, builtin};
-use lightsheaf::settings::{LightSampling, Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, Settings, Strategies, Visibility};
 
 fn capabilities() -> Capabilities {
     Capabilities {
@@ -34,11 +34,11 @@ fn one_light() -> SceneStats {
 }
 
 fn bounces(bounces: u32) -> Settings {
-    Settings { bounces, ..Settings::default() }
+    Settings { bounces, ..Settings::plain() }
 }
 
 fn with(strategies: Strategies, bounces: u32) -> Settings {
-    Settings { strategies, bounces, ..Settings::default() }
+    Settings { strategies, bounces, ..Settings::plain() }
 }
 
 /// Of a scene with few lights.
@@ -297,7 +297,7 @@ fn many_triangles_share_a_look() {
     let looks = |triangles, settings: &Settings, camera: &Camera| {
         plan(&SceneStats { triangles, ..one_light() }, settings).iterations_a_look(camera)
     };
-    let base = Settings { width: 64, height: 64, ..Settings::default() };
+    let base = Settings { width: 64, height: 64, ..Settings::plain() };
     assert_eq!([1024, 1025].map(|triangles| looks(triangles, &base, &pinhole)), [1, 2]);
     assert_eq!(looks(1025, &base, &lens), 1);
     assert_eq!(looks(1025, &Settings { history: 2, ..base.clone() }, &pinhole), 1);
@@ -405,7 +405,7 @@ fn flags_follow_the_scene() {
     assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), ["MASKS"]);
     let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
     assert_eq!(flags(&all), ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"]);
-    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::default() });
+    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::plain() });
     assert!(fast(Visibility::Fast).fast && !fast(Visibility::Exact).fast);
     assert!(fast(Visibility::Fast).node_words() > fast(Visibility::Exact).node_words());
     assert!(fast(Visibility::Fast).has_depth_maps() && !fast(Visibility::Exact).has_depth_maps());
@@ -414,7 +414,7 @@ fn flags_follow_the_scene() {
 #[test]
 fn bytes_grow_with_what_is_asked_for() {
     let bytes = |settings: &Settings| plan(&one_light(), settings).bytes;
-    let base = Settings { bundle_resolution: Some(128), ..Settings::default() };
+    let base = Settings { bundle_resolution: Some(128), ..Settings::plain() };
     let small = bytes(&base);
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
     // Two bands' pixels are followed at once, more by the band; then only the film and the G-buffer grow.
@@ -432,7 +432,7 @@ fn bytes_grow_with_what_is_asked_for() {
     assert!(more > small);
     // A finer scene gets finer views, within bounds.
     let resolution = |mean_triangle_size| {
-        let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::default());
+        let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::plain());
         [plan.bundle_resolution, plan.light_resolution, plan.vpl_resolution]
     };
     let (coarse, fine, finest) = (resolution(0.5), resolution(0.01), resolution(0.0));
@@ -445,9 +445,93 @@ fn bytes_grow_with_what_is_asked_for() {
         let stats = SceneStats { mean_triangle_size: 0.0, ..one_light() };
         plan_of(&stats, &Settings { light_pool: Some(8), ..settings }).light_resolution
     };
-    let fast = Settings { visibility: Visibility::Fast, ..Settings::default() };
-    assert_eq!([pooled(Settings::default()), pooled(fast)], [64, finest[1]]);
+    let fast = Settings { visibility: Visibility::Fast, ..Settings::plain() };
+    assert_eq!([pooled(Settings::plain()), pooled(fast)], [64, finest[1]]);
     // What the user asks for stands.
     assert_eq!(plan(&one_light(), &base).bundle_resolution, 128);
-    assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::default() }), 256);
+    assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::plain() }), 256);
+}
+
+/// The side of the squares of interleaved sampling and why, 512x512.
+fn interleave(stats: &SceneStats, settings: &Settings) -> (u32, String) {
+    let plan = plan_of(stats, settings);
+    let row = plan.to_string().lines().find(|line| line.starts_with("interleave")).unwrap().to_owned();
+    assert!(row.contains(&plan.interleave) && row.contains(&format!(" {} ", plan.grid.side)), "{row}");
+    assert_eq!(plan.is_live(), plan.grid.side > 1 || settings.history > 0);
+    assert_eq!(plan.filtered, plan.grid.side > 1);
+    (plan.grid.side, plan.interleave)
+}
+
+#[test]
+fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
+    let auto = Settings::default();
+    let lamp = SceneStats { sharp_lights: 1, ..one_light() };
+    let (side, why) = interleave(&lamp, &auto);
+    assert!(side == 4 && why.starts_with("auto: by the model a light subpath takes 6."), "{side} {why}");
+    let metals = SceneStats { glossy_triangles: 10, narrow_metals: true, ..lamp.clone() };
+    assert_eq!(interleave(&metals, &auto).0, 6);
+    let sized = |triangles, mean_triangle_size| SceneStats { triangles, mean_triangle_size, ..lamp.clone() };
+    let sponza = SceneStats {
+        environment: true,
+        environment_map: true,
+        far_lights: true,
+        near_lights: false,
+        glossy_triangles: 1,
+        ..sized(262_000, 0.004)
+    };
+    assert_eq!(interleave(&sponza, &auto).0, 2);
+    let fine = interleave(&sized(2_000_000, 0.001), &auto);
+    assert_eq!(fine.0, 1, "{}", fine.1);
+    let (side, why) = interleave(&lamp, &Settings { width: 64, height: 64, ..auto.clone() });
+    assert!(side == 1 && why.contains("pixels are few"), "{side} {why}");
+    // The twin has the random numbers of raster.
+    assert_eq!(interleave(&lamp, &Settings { method: Method::Twin, ..auto }).0, 4);
+}
+
+#[test]
+fn the_side_is_one_where_nothing_is_to_be_filtered() {
+    let lamp = SceneStats { sharp_lights: 1, ..one_light() };
+    let auto = Settings::default();
+    let only = OnlyStrategy { s: 1, t: 2, weighted: true };
+    for (settings, what) in [
+        (Settings { light_sampling: Some(LightSampling::Restir), ..auto.clone() }, "restir"),
+        (Settings { only: Some(only), ..auto.clone() }, "alone"),
+        (Settings { list_lengths: true, ..auto.clone() }, "lists"),
+        (Settings { strategies: Strategies::Paper, ..auto.clone() }, "strategies"),
+        (Settings { strategies: Strategies::Vpl, ..auto.clone() }, "strategies"),
+        (Settings { aperture: Some(0.1), ..auto.clone() }, "lens"),
+        (Settings { bounces: 0, ..auto.clone() }, "noise"),
+    ] {
+        settings.check().unwrap();
+        let (side, why) = interleave(&lamp, &settings);
+        assert!(side == 1 && why.starts_with("auto: ") && why.contains(what), "{side} {why}");
+    }
+    // A camera's own lens, and one that is closed.
+    let lens = SceneStats { lens: true, ..lamp.clone() };
+    assert_eq!(interleave(&lens, &auto).0, 1);
+    assert_eq!(interleave(&lens, &Settings { aperture: Some(0.0), ..auto.clone() }).0, 4);
+    // Light without noise alone.
+    let area = SceneStats { emissive_triangles: 2, ..dark() };
+    assert_eq!(interleave(&area, &Settings { bounces: 0, ..auto.clone() }).0, 3);
+    // What is asked for stands.
+    for side in 1..=8 {
+        let asked = Settings { interleave: Some(side), strategies: Strategies::Vpl, ..auto.clone() };
+        assert_eq!(interleave(&lens, &asked), (side, "as asked for".to_owned()));
+    }
+}
+
+#[test]
+fn tiles_settle_where_pictures_are_not_filtered() {
+    let target = Settings { target_error: Some(0.01), ..Settings::default() };
+    assert!(!plan_of(&one_light(), &target).settles);
+    assert!(plan_of(&one_light(), &Settings { interleave: Some(1), ..target.clone() }).settles);
+    assert!(plan_of(&one_light(), &Settings { width: 64, height: 64, ..target }).settles);
+}
+
+/// Another number of triangles alone makes no other plan while it leaves the side as it is.
+#[test]
+fn poses_of_an_animation_have_the_same_side() {
+    let at = |triangles| SceneStats { triangles, triangles_vary: true, ..one_light() };
+    let plans = [60_000, 60_500].map(|triangles| plan_of(&at(triangles), &Settings::default()));
+    assert!(plans[0].grid.side > 1 && plans[0].does_as(&plans[1]));
 }

@@ -60,7 +60,7 @@ struct Case {
 impl Case {
     fn new(name: &str, method: Method, samples: u32, bounces: u32) -> Self {
         let scene = builtin::load(name).unwrap();
-        let settings = Settings { method, width: 16, height: 16, samples, bounces, ..Settings::default() };
+        let settings = Settings { method, width: 16, height: 16, samples, bounces, ..Settings::plain() };
         let expected = (0..8).map(|seed| reference(&scene, &settings, 1024, 5000 + seed)).collect();
         Self { scene, settings, expected }
     }

@@ -25,7 +25,7 @@ fn scene(camera: Camera) -> Scene {
 
 /// Settings of a small square picture.
 fn settings(side: u32, samples: u32, bounces: u32) -> Settings {
-    Settings { width: side, height: side, samples, bounces, ..Settings::default() }
+    Settings { width: side, height: side, samples, bounces, ..Settings::plain() }
 }
 
 /// A picture without device errors and non-finite values; none where there is no device.

@@ -12,7 +12,7 @@ use lightsheaf::scene::{Environment, Light, Material, Mesh, Scene, builtin};
 use lightsheaf::settings::{LightSampling, RestirBias, Settings, Visibility};
 
 fn settings(width: u32, height: u32, samples: u32) -> Settings {
-    Settings { width, height, samples, ..Settings::default() }
+    Settings { width, height, samples, ..Settings::plain() }
 }
 
 fn cornell() -> Scene {

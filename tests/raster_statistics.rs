@@ -29,7 +29,7 @@ const REFERENCE_SAMPLES: u32 = 128;
 
 /// Small pictures: all pixels share their random numbers, so more of them say little more.
 fn settings(bounces: u32) -> Settings {
-    Settings { width: 32, height: 32, samples: ITERATIONS, bounces, ..Settings::default() }
+    Settings { width: 32, height: 32, samples: ITERATIONS, bounces, ..Settings::plain() }
 }
 
 /// Pictures by `raster`, one per seed.
@@ -399,7 +399,7 @@ fn pixels_agree() {
         ("displaced_room:5000", Method::Reference),
     ] {
         let scene = builtin::load(name).unwrap();
-        let base = Settings { width: 128, height: 128, samples: 256, ..Settings::default() };
+        let base = Settings { width: 128, height: 128, samples: 256, ..Settings::plain() };
         let films = pictures(gpu, &scene, &base);
         let expected: Vec<_> = (1..=10)
             .map(|seed| match judge {

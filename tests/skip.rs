@@ -67,7 +67,7 @@ fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked 
 }
 
 fn settings(method: Method) -> Settings {
-    Settings { method, width: 8, height: 8, ..Settings::default() }
+    Settings { method, width: 8, height: 8, ..Settings::plain() }
 }
 
 /// A room of grey walls with a point light: what any picture needs, and light.
@@ -380,15 +380,15 @@ fn frames_are_filtered_only_where_asked() {
     assert!(has(&summed, &[&all[..], &kept, &code].concat()).is_empty(), "{summed:?}");
     assert!(summed.contains("memory film"));
 
-    let filtered = of(Settings { interleave: 2, ..base.clone() }).names();
+    let filtered = of(Settings { interleave: Some(2), ..base.clone() }).names();
     assert_eq!(has(&filtered, &all), ["pass filter", "pass compose", "pass antialias"]);
     assert_eq!(has(&filtered, &kept), ["memory guides", "memory clear", "memory indirect", "memory filtered"]);
     assert!(!filtered.contains("memory film"));
     let remembered = of(Settings { history: 8, ..base.clone() }).names();
     assert_eq!(has(&remembered, &all), ["pass temporal", "pass compose", "pass antialias"]);
-    let unfiltered = of(Settings { interleave: 2, unfiltered: true, ..base.clone() }).names();
+    let unfiltered = of(Settings { interleave: Some(2), unfiltered: true, ..base.clone() }).names();
     assert_eq!(has(&unfiltered, &all), ["pass compose", "pass antialias"]);
-    let both = of(Settings { interleave: 2, history: 8, upsample: 2, tame_outliers: true, ..base });
+    let both = of(Settings { interleave: Some(2), history: 8, upsample: 2, tame_outliers: true, ..base });
     // Nothing has changed yet, so nothing asks how much.
     assert!(!both.counts.passes.contains_key("gradient"));
     let both = both.names();
@@ -445,7 +445,7 @@ fn what_was_kept_is_there_only_for_reuse() {
 fn memory_is_what_the_plan_says() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
     let _alone = alone();
-    let base = Settings { width: 256, height: 144, ..Settings::default() };
+    let base = Settings { width: 256, height: 144, ..Settings::plain() };
     let mut checked = 0;
     for name in ["cornell_point", "cornell_glossy", "cornell_env", "displaced_room:5000", "point_hall:100", "furnace"] {
         let scene = builtin::load(name).unwrap();
@@ -454,7 +454,7 @@ fn memory_is_what_the_plan_says() {
             Settings { visibility: Visibility::Fast, ..base.clone() },
             Settings { bounces: 0, ..base.clone() },
             Settings { width: 1024, height: 512, list_room: 0.5, ..base.clone() },
-            Settings { interleave: 4, history: 16, upsample: 2, ..base.clone() },
+            Settings { interleave: Some(4), history: 16, upsample: 2, ..base.clone() },
             Settings { method: Method::Twin, ..base.clone() },
             Settings { light_sampling: Some(LightSampling::Restir), light_pool: Some(4), ..base.clone() },
             Settings { method: Method::Path, ..base.clone() },
@@ -536,7 +536,7 @@ fn skipped_and_forced() -> Option<[f64; 2]> {
     let _alone = alone();
     let scene = builtin::load("cornell_point").unwrap();
     // One edge in some ten millions passes a border so closely that rounding, which differs between shaders, decides; none with this seed.
-    let settings = Settings { width: 192, height: 192, bounces: 1, seed: 2, ..Settings::default() };
+    let settings = Settings { width: 192, height: 192, bounces: 1, seed: 2, ..Settings::plain() };
     let mut renderers = [
         Renderer::new(gpu, &scene, &settings).unwrap(),
         Renderer::forced(gpu, &scene, &settings, everything(&scene)).unwrap(),

@@ -81,7 +81,7 @@ impl Bench {
 }
 
 fn settings(method: Method) -> Settings {
-    Settings { method, width: 48, height: 27, ..Settings::default() }
+    Settings { method, width: 48, height: 27, ..Settings::plain() }
 }
 
 fn order(method: Method) -> Order {
@@ -393,7 +393,7 @@ fn the_command_line_renders_what_is_shown() {
     let launch = Launch {
         spec: "builtin:cornell_glossy".to_owned(),
         staging: Staging::default(),
-        settings: Settings { bounces: 1, seed: 3, ..Settings::default() },
+        settings: Settings { bounces: 1, seed: 3, ..Settings::plain() },
         stand: None,
         fov: Some(50.0),
         animation: None,

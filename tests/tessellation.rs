@@ -325,7 +325,7 @@ fn baked(scene: &Scene) -> Scene {
 #[test]
 fn all_methods_see_the_same_surface_and_it_is_the_baked_one() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    let settings = Settings { width: 48, height: 36, bounces: 1, ..Settings::default() };
+    let settings = Settings { width: 48, height: 36, bounces: 1, ..Settings::plain() };
     for (name, samples) in [("phong_sphere", 256), ("sea", 64), ("terrain", 64)] {
         let scene = matte(builtin::load(name).unwrap().at(0, 0.7).unwrap());
         let scene = Scene { viewpoint: Some(Viewpoint { camera: 0, size: [48, 36] }), ..scene };
@@ -376,7 +376,7 @@ fn factors_follow_the_camera_from_frame_to_frame() {
     let counts: Vec<_> = poses.iter().map(|pose| Geometry::new(pose).triangles.len()).collect();
     println!("{counts:?} triangles");
     assert!(counts[0] < counts[1] && counts[1] < counts[2] && 2 * counts[2] < counts[3], "{counts:?}");
-    let base = Settings { width: 32, height: 32, bounces: 1, ..Settings::default() };
+    let base = Settings { width: 32, height: 32, bounces: 1, ..Settings::plain() };
     for method in [Method::Raster, Method::Twin, Method::Path] {
         let settings = Settings { method, ..base.clone() };
         let mut frames = Vec::new();
@@ -438,7 +438,7 @@ fn poses_that_go_on_are_those_made_anew() {
         assert_eq!((geometry.bounds, geometry.tessellated), (anew.bounds, anew.tessellated), "{name}");
         assert!(sources == sources_anew, "{name}");
         let Some(gpu) = gpu() else { continue };
-        let settings = Settings { width: 32, height: 32, bounces: 1, ..Settings::default() };
+        let settings = Settings { width: 32, height: 32, bounces: 1, ..Settings::plain() };
         let renderer = |scene: &Scene| Renderer::new(gpu, scene, &settings).unwrap();
         let mut followed = renderer(&old);
         // Twice: the second time from a pose that was gone on to.
@@ -478,7 +478,7 @@ fn frames_that_move_cost_little_more() {
     };
     let plain = baked(&pose(0));
     assert_eq!(Geometry::new(&plain).triangles.len(), 500_000);
-    let settings = Settings { width: 256, height: 256, bounces: 2, ..Settings::default() };
+    let settings = Settings { width: 256, height: 256, bounces: 2, ..Settings::plain() };
     for (method, samples) in [(Method::Raster, 16), (Method::Raster, 8), (Method::Raster, 1), (Method::Path, 1)] {
         let settings = Settings { method, ..settings.clone() };
         macro_rules! race {

@@ -20,7 +20,7 @@ const HEIGHT: u32 = 35;
 const HALF: u64 = 5;
 
 fn base(method: Method) -> Settings {
-    Settings { method, width: WIDTH, height: HEIGHT, target_error: Some(0.01), ..Settings::default() }
+    Settings { method, width: WIDTH, height: HEIGHT, target_error: Some(0.01), ..Settings::plain() }
 }
 
 fn renderer<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Box<dyn Progressive + 'gpu> {

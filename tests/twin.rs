@@ -14,7 +14,7 @@ use lightsheaf::scene::{Bsdf, Camera, Lens, Light, Scene, builtin};
 use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings, Strategies, Visibility};
 
 fn settings(method: Method, samples: u32) -> Settings {
-    Settings { method, width: 48, height: 48, samples, ..Settings::default() }
+    Settings { method, width: 48, height: 48, samples, ..Settings::plain() }
 }
 
 /// Both methods on one device.
@@ -154,7 +154,7 @@ fn a_lens_agrees_with_the_reference() {
     let mut scene = builtin::load("cornell_point").unwrap();
     let camera = scene.cameras[0].clone();
     scene.cameras[0] = Camera { lens: Some(Lens { radius: 0.15, focus: 3.0 }), ..camera.clone() };
-    let base = Settings { width: 32, height: 32, samples: 64, bounces: 0, ..Settings::default() };
+    let base = Settings { width: 32, height: 32, samples: 64, bounces: 0, ..Settings::plain() };
     let films = |scene: &Scene| {
         (1..=12).map(|seed| raster(gpu, scene, &Settings { seed, ..base.clone() }).0).collect::<Vec<_>>()
     };

@@ -111,7 +111,7 @@ impl<'a> World<'a> {
         let geometry = reference.geometry();
         let stats = SceneStats::new(scene, geometry);
         let visibility = if fast { Visibility::Fast } else { Visibility::Exact };
-        let settings = Settings { visibility, ..Settings::default() };
+        let settings = Settings { visibility, ..Settings::plain() };
         let plan = FramePlan::new(&stats, &settings, &gpu.capabilities);
         let mut flags = plan.surface_flags.clone();
         if fast {

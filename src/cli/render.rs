@@ -147,9 +147,11 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let (grade, frames) = (OnceCell::new(), frames(args)?);
     let began = Instant::now();
     if frames.is_empty() {
-        let View { scene, settings, animations } = args.view.load()?;
+        let View { scene, mut settings, animations } = args.view.load()?;
         if let Some(folder) = &args.strategy_images {
             check_strategy_images(folder, &settings)?;
+            // They add up to the picture, which a filter would change.
+            settings.interleave.get_or_insert(1);
         }
         let load = began.elapsed().as_secs_f64();
         let began = Instant::now();
@@ -383,7 +385,7 @@ impl Job<'_> {
         bar: &ProgressBar,
     ) -> Result<Convergence, RenderError> {
         let Settings { width, height, .. } = *self.settings;
-        let settles = self.settings.settles() && self.args.strategy_images.is_none();
+        let settles = renderer.settles() && self.args.strategy_images.is_none();
         let clock = self.settings.budget.map(Clock::new);
         let mut tiles = Tiles::new(width, height);
         let (mut samples, mut taken, mut half, mut error) = (0, 0, None, None);

@@ -39,6 +39,8 @@ pub struct SceneStats {
     pub environment_map: bool,
     /// Triangles with a lobe beside the diffuse one.
     pub glossy_triangles: usize,
+    /// Whether any is of a metal whose lobe is narrower than what the filter of squares joins in full (shaders/filter.wesl).
+    pub narrow_metals: bool,
     /// Triangles with holes.
     pub masked_triangles: usize,
     /// Texels of the images that materials use.
@@ -49,6 +51,8 @@ pub struct SceneStats {
     pub triangles_vary: bool,
     /// Whether any vertex has a colour.
     pub vertex_colors: bool,
+    /// Whether a camera has a lens.
+    pub lens: bool,
     /// Half the diagonal of the bounding box, metres.
     pub radius: f32,
     /// Mean of the square roots of the triangles' areas over the radius: how fine the geometry is.
@@ -101,6 +105,7 @@ impl SceneStats {
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),
+            narrow_metals: count(&is_narrow_metal) > 0,
             masked_triangles: count(&|m| m.alpha_mask.is_some()),
             texels: if scene.textures.is_empty() {
                 0
@@ -110,6 +115,7 @@ impl SceneStats {
             tessellated_triangles: geometry.tessellated,
             triangles_vary: triangles_vary(scene),
             vertex_colors: scene.meshes.iter().any(|m| !m.colors.is_empty()),
+            lens: scene.cameras.iter().any(|camera| camera.lens.is_some_and(|lens| lens.radius > 0.0)),
             radius,
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }
@@ -135,6 +141,16 @@ pub fn triangles_vary(scene: &Scene) -> bool {
 pub fn with_room(count: usize) -> usize {
     let step = (count.max(64).next_power_of_two() / 8).max(8);
     (count / step + 1) * step
+}
+
+/// Whether a material is a metal with a lobe of alpha below 0.3; textures are taken as white.
+fn is_narrow_metal(material: &Material) -> bool {
+    const WIDE: f32 = 0.3;
+    match &material.bsdf {
+        Bsdf::Conductor { alpha, .. } => alpha.factor < WIDE,
+        Bsdf::MetallicRoughness { metallic, roughness, .. } => metallic.factor > 0.5 && roughness.factor.powi(2) < WIDE,
+        _ => false,
+    }
 }
 
 /// Whether a material shines.

@@ -104,7 +104,7 @@ const DIMMED: &str = "the picture is proportional to the light: within 1e-4";
 const HDR: &str = "under an even sky of that radiance white ground is proportional to it: within 1e-4";
 
 fn small(samples: u32) -> Settings {
-    Settings { width: 16, height: 16, samples, ..Settings::default() }
+    Settings { width: 16, height: 16, samples, ..Settings::plain() }
 }
 
 fn within(what: &str, value: f64, limit: f64) -> Seen {
@@ -558,7 +558,7 @@ fn overflow(stage: &Stage) -> Seen {
 
 fn long_run(stage: &Stage) -> Seen {
     // 256^2 pixels, 15,259 times.
-    let settings = Settings { width: 256, height: 256, bounces: 0, samples: 15_259, ..Settings::default() };
+    let settings = Settings { width: 256, height: 256, bounces: 0, samples: 15_259, ..Settings::plain() };
     let film = {
         // Unwatched: a look after each pass would double the time, and the film counts for itself.
         let mut renderer = Renderer::new(stage.gpu, &noon_ground(), &settings).map_err(|e| e.to_string())?;

@@ -162,6 +162,9 @@ mod tests {
         let visibility = by_name("visibility");
         assert_eq!((visibility.kind, visibility.default.as_deref()), (Kind::Choice, Some("exact")));
         assert!(visibility.choices.iter().any(|(name, help)| name == "fast" && help.contains("paper")));
+        let interleave = by_name("interleave");
+        assert_eq!((interleave.kind, interleave.default.as_deref()), (Kind::Choice, Some("auto")));
+        assert_eq!(interleave.choices.len(), 9);
         assert_eq!(by_name("bounces").kind, Kind::Count);
         assert_eq!((by_name("beta").kind, by_name("beta").default.clone()), (Kind::Number, None));
         assert!(!all.iter().any(|k| HIDDEN.contains(&k.name.as_str())));
@@ -175,6 +178,8 @@ mod tests {
             base.clone(),
             Settings { bounces: 5, beta: Some(0.7), visibility: Visibility::Fast, paper_clamp: 0.1, ..base.clone() },
             Settings { method: Method::Path, bounces: UNLIMITED, seed: 9, ..base.clone() },
+            Settings { interleave: Some(4), unfiltered: true, ..base.clone() },
+            Settings::plain(),
             Settings { method: Method::Path, light_sampling: Some(LightSampling::Ris), ..base },
         ] {
             assert_eq!(Chosen::of(&settings).settings(), Ok(settings));

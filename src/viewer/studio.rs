@@ -591,7 +591,7 @@ impl Worker {
 fn in_motion(settings: Settings) -> Settings {
     let whole = settings.only.is_none() && !settings.list_lengths;
     let plain = settings.method.shares_subpaths() && whole && !settings.is_live();
-    if plain { Settings { interleave: SQUARE, history: FRAMES, ..settings } } else { settings }
+    if plain { Settings { interleave: Some(SQUARE), history: FRAMES, ..settings } } else { settings }
 }
 
 /// What looks at the scene.

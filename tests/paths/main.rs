@@ -24,7 +24,7 @@ const METHODS: [Method; 2] = [Method::Path, Method::RayQuery];
 const PICTURES: u32 = 10;
 
 fn settings(method: Method, side: u32, samples: u32, bounces: u32) -> Settings {
-    Settings { method, width: side, height: side, samples, bounces, ..Settings::default() }
+    Settings { method, width: side, height: side, samples, bounces, ..Settings::plain() }
 }
 
 fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats) {
