@@ -22,7 +22,7 @@
 //! 3. [`gpu_scene`] uploads; [`renderer::Renderer`] owns a [`frame::Frame`] and runs its iterations in batches. Lists that
 //!    ran out of room grow, and the iteration is redone, so a finished picture has lost nothing.
 //!    Where a method asks for it, [`acceleration`] builds what ray queries need from the same positions.
-//! 4. [`film::Film`] is the linear image, [`metrics`] says how far two of them are apart.
+//! 4. [`film::Film`] is the linear image, [`tonemap`] shows it in 8 bits, [`metrics`] says how far two of them are apart.
 //! 5. [`mod@reference`] renders the same scene on the CPU and shares no code with the above but the scene and the film.
 //! 6. [`mod@bench`] lets all of them, and programs of others, render in turns and takes error against time; [`report`] shows it.
 //!

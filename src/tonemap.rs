@@ -277,7 +277,7 @@ fn aces(x: f32) -> f32 {
 const AGX_INSET: [[f32; 3]; 3] = [
     [0.842_479_06, 0.078_433_6, 0.079_223_745],
     [0.042_328_242, 0.878_468_64, 0.079_166_13],
-    [0.042_375_655, 0.078_433_6, 0.879_142_97],
+    [0.042_375_655, 0.078_433_6, 0.879_143],
 ];
 static AGX_IN: LazyLock<Mat3> = LazyLock::new(|| Mat3::from_cols_array_2d(&AGX_INSET).transpose());
 /// The outset undoes the inset on encoded values (Wrensch 2023, *Minimal AgX Implementation*); Sobotka's configuration of 2022 has
