@@ -311,7 +311,8 @@ fn wrong_animations_are_refused() {
     let refused = |name: &str, change: &dyn Fn(&mut Draft), place: &str, cause: &str| {
         let mut draft = bones();
         change(&mut draft);
-        let error = staging::load(draft.write(name).to_str().unwrap(), &Staging::default()).expect_err(name).to_string();
+        let error =
+            staging::load(draft.write(name).to_str().unwrap(), &Staging::default()).expect_err(name).to_string();
         for part in [name, place, cause] {
             assert!(error.contains(part), "{error:?} does not say {part:?}");
         }

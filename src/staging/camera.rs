@@ -51,12 +51,17 @@ const SHARE_CLOSED: f32 = 0.5;
 const CLOSED: f32 = 0.92;
 const PARTLY_CLOSED: f32 = 0.6;
 
-/// Share of all places that are at least partly closed in where a scene encloses anything.
-const FEW_PLACES: f32 = 0.02;
+/// Share of all places that are at least partly closed in where a scene is a room, or a stage.
+const PLACES_OF_A_ROOM: f32 = 0.02;
+const PLACES_OF_A_STAGE: f32 = 0.08;
 
 /// Share of the surfaces that may be seen from outside of a room, twice as many where all places are closed, and of a stage.
 const SEEN_FROM_OUTSIDE: f32 = 0.2;
-const SEEN_OF_A_STAGE: f32 = 0.35;
+const SEEN_OF_A_STAGE: f32 = 0.55;
+
+/// A scene lies where it is this much lower than wide; then steep views are liked twice as much.
+const LYING: f32 = 0.25;
+const STEEP: f32 = 30.0;
 
 /// Directions in which a place in a room is looked from.
 const YAWS: usize = 16;
@@ -103,6 +108,8 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
         let eye = Vec3::new(1.0, 1.0, 3.0);
         return (camera(OBJECT_FOV, eye, Vec3::ZERO), Subject::Empty);
     }
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(points, axis));
+    let lies = y < LYING * x.min(z);
     let enclosure = enclosure(reference, &samples);
     if let Enclosure::Room(places) = &enclosure
         && let Some(camera) = inside(reference, &samples, places, size)
@@ -111,9 +118,10 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
     }
     let points = &main_part(&samples, points);
     let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
-        (Enclosure::Stage, _) => (directions(&STAGE_VIEWS), Subject::Stage),
+        // Among the houses of a town it is not as on a stage.
+        (Enclosure::Stage, _) if !lies => (directions(&STAGE_VIEWS, lies), Subject::Stage),
         (_, Some(front)) => (vec![(front, 1.0)], Subject::Flat),
-        (_, None) => (directions(&VIEWS), Subject::Object),
+        (_, None) => (directions(&VIEWS, lies), Subject::Object),
     };
     let judged = views.into_par_iter().map(|(towards_eye, weight)| {
         let camera = fit(points, towards_eye, size);
@@ -127,8 +135,8 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
 const VIEWS: [(f32, f32, f32); 9] = [
     (30.0, 20.0, 1.0),
     (-30.0, 20.0, 0.95),
-    (0.0, 8.0, 0.8),
     (30.0, 40.0, 0.75),
+    (0.0, 8.0, 0.8),
     (120.0, 20.0, 0.7),
     (-120.0, 20.0, 0.7),
     (90.0, 8.0, 0.65),
@@ -139,8 +147,18 @@ const VIEWS: [(f32, f32, f32); 9] = [
 /// The same of views into something that is open on one side.
 const STAGE_VIEWS: [(f32, f32, f32); 4] = [(0.0, 0.0, 1.0), (90.0, 0.0, 0.9), (-90.0, 0.0, 0.9), (180.0, 0.0, 0.85)];
 
-fn directions(views: &[(f32, f32, f32)]) -> Vec<(Vec3, f32)> {
-    views.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect()
+fn directions(views: &[(f32, f32, f32)], lies: bool) -> Vec<(Vec3, f32)> {
+    let weighted = |&(azimuth, elevation, weight): &(f32, f32, f32)| {
+        (direction(azimuth, elevation), if lies && elevation > STEEP { 2.0 * weight } else { weight })
+    };
+    views.iter().map(weighted).collect()
+}
+
+/// How far points reach along a unit vector, metres.
+fn extent(points: &[Vec3], axis: Vec3) -> f32 {
+    let along = points.iter().map(|p| p.dot(axis));
+    let (low, high) = along.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
+    high - low
 }
 
 /// The unit vector at an azimuth from +Z towards +X and an elevation, degrees.
@@ -261,15 +279,10 @@ fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Opt
     // Area alone: the second half.
     let by_area = samples[samples.len() / 2..].iter().map(|s| s.normal);
     let mean = by_area.reduce(|a, b| if b.dot(a) < 0.0 { a - b } else { a + b })?.try_normalize()?;
-    let extent = |axis: Vec3| {
-        let along = points.iter().map(|p| p.dot(axis));
-        let (low, high) = along.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
-        high - low
-    };
     let thickness = |axis: Vec3| {
         let (a, b) = if axis.y.abs() > 0.999 { (Vec3::X, Vec3::Z) } else { (axis.cross(Vec3::Y).normalize(), Vec3::Y) };
         let (a, b) = if axis.y.abs() < 0.001 || axis.y.abs() > 0.999 { (a, b) } else { axis.any_orthonormal_pair() };
-        extent(axis) / extent(a).min(extent(b))
+        extent(points, axis) / extent(points, a).min(extent(points, b))
     };
     let axes = [mean, Vec3::Z, Vec3::X, Vec3::Y].map(|axis| (thickness(axis), axis));
     let (thickness, axis) = axes.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a })?;
@@ -333,16 +346,16 @@ enum Enclosure {
 
 fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     let places = places(reference);
-    let count = places.len() as f32;
-    if count < FEW_PLACES * (PLACES * PLACES * LEVELS) as f32 {
+    let enclosed = places.len() as f32 / (PLACES * PLACES * LEVELS) as f32;
+    if enclosed < PLACES_OF_A_ROOM {
         return Enclosure::None;
     }
     let rooms: Vec<Vec3> = places.iter().filter(|p| p.closed >= CLOSED).map(|p| p.eye).collect();
-    let share = rooms.len() as f32 / count;
+    let share = rooms.len() as f32 / places.len() as f32;
     let outside = seen_from_outside(reference, samples);
     if share >= SHARE_CLOSED && outside <= SEEN_FROM_OUTSIDE * (1.0 + share) {
         Enclosure::Room(rooms)
-    } else if outside <= SEEN_OF_A_STAGE {
+    } else if enclosed >= PLACES_OF_A_STAGE && outside <= SEEN_OF_A_STAGE {
         Enclosure::Stage
     } else {
         Enclosure::None
@@ -351,7 +364,9 @@ fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
 
 /// The camera at one of the places in a room that sees farthest and most of the surfaces.
 fn inside(reference: &Reference, samples: &[Sample], places: &[Vec3], size: [u32; 2]) -> Option<Camera> {
-    let views = places.par_iter().flat_map_iter(|&eye| (0..YAWS).map(move |n| (eye, direction(360.0 * n as f32 / YAWS as f32, 0.0))));
+    let views = places
+        .par_iter()
+        .flat_map_iter(|&eye| (0..YAWS).map(move |n| (eye, direction(360.0 * n as f32 / YAWS as f32, 0.0))));
     let judged = views.map(|(eye, forward)| {
         let camera = camera(ROOM_FOV, eye, eye + forward * reference.geometry().sphere().1);
         (free_view(reference, &camera, size) * shown_in_frame(reference, samples, &camera, size), camera)
@@ -374,12 +389,17 @@ fn free_view(reference: &Reference, camera: &Camera, size: [u32; 2]) -> f32 {
 }
 
 /// Origins and directions of a grid of a camera's rays.
-pub(super) fn rays(camera: &Camera, [width, height]: [u32; 2], [columns, rows]: [u32; 2]) -> impl Iterator<Item = (Vec3, Vec3)> {
+pub(super) fn rays(
+    camera: &Camera,
+    [width, height]: [u32; 2],
+    [columns, rows]: [u32; 2],
+) -> impl Iterator<Item = (Vec3, Vec3)> {
     let half = camera.half_extent(width, height);
     let world = camera.world_from_camera;
     let parallel = matches!(camera.projection, Projection::Orthographic { .. });
     (0..columns * rows).map(move |n| {
-        let at = Vec2::new((n % columns) as f32 + 0.5, (n / columns) as f32 + 0.5) / Vec2::new(columns as f32, rows as f32);
+        let at =
+            Vec2::new((n % columns) as f32 + 0.5, (n / columns) as f32 + 0.5) / Vec2::new(columns as f32, rows as f32);
         let plane = (at * 2.0 - 1.0) * half;
         let (origin, direction) =
             if parallel { (plane.extend(0.0), Vec3::NEG_Z) } else { (Vec3::ZERO, plane.extend(-1.0)) };
@@ -432,11 +452,32 @@ fn surroundings(reference: &Reference, eye: Vec3) -> Surroundings {
     Surroundings { closed: closed as f32 / counted.max(1) as f32, free }
 }
 
-/// What a camera sees: points and their triangles, along `side` x `side` of its rays.
-pub(super) fn seen(reference: &Reference, camera: &Camera, side: u32) -> Vec<(Vec3, u32)> {
+/// A point of a surface that a camera sees.
+pub(super) struct Seen {
+    position: Vec3,
+    /// Unit, on the camera's side.
+    normal: Vec3,
+    triangle: u32,
+}
+
+impl Seen {
+    /// Says whether nothing lies in a direction on the camera's side of the surface.
+    pub fn is_open(&self, reference: &Reference, direction: Vec3) -> bool {
+        direction.dot(self.normal) > 0.0
+            && reference.closest_hit(self.position, direction, Some(self.triangle)).is_none()
+    }
+}
+
+/// What a camera sees along `side` x `side` of its rays.
+pub(super) fn seen(reference: &Reference, camera: &Camera, side: u32) -> Vec<Seen> {
     rays(camera, [1, 1], [side, side])
         .filter_map(|(origin, direction)| {
-            reference.first_hit(origin, direction).map(|hit| (origin + direction * hit.t, hit.triangle))
+            let hit = reference.first_hit(origin, direction)?;
+            let front = reference.normal(hit.triangle);
+            let normal = if front.dot(direction) < 0.0 { front } else { -front };
+            // A little before the surface: points are rounded, and thin walls have a back.
+            let position = origin + direction * (hit.t * (1.0 - 1e-5));
+            Some(Seen { position, normal, triangle: hit.triangle })
         })
         .collect()
 }

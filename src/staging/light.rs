@@ -4,7 +4,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::camera;
+use super::camera::{self, Seen};
 use crate::reference::{Reference, ReferenceSettings};
 use crate::scene::{Camera, EnvironmentChange, Instance, LUMINANCE, Lamp, Light, LoadError, Scene};
 
@@ -22,7 +22,7 @@ const OF_EMITTERS: f32 = 1e-4;
 const ENOUGH: f32 = 0.1;
 
 /// Share of the directions around what is seen that have to be open for daylight in a room.
-const OPEN: f32 = 0.004;
+const OPEN: f32 = 0.002;
 
 /// Metres along the shorter horizontal side from which on a scene is large, and the most that it may be high in shares of it: grounds,
 /// not things in centimetres.
@@ -131,22 +131,16 @@ pub fn add(scene: &mut Scene, reference: &Reference, camera: &Camera) -> Result<
 }
 
 /// Elevation and azimuth, degrees, of the sun that reaches most of what is seen; nothing where the room is closed.
-fn sun_through_openings(reference: &Reference, seen: &[(Vec3, u32)]) -> Option<(f32, f32)> {
-    let open = |&(point, triangle): &(Vec3, u32), direction: Vec3| {
-        reference.closest_hit(point, direction, Some(triangle)).is_none()
-    };
+fn sun_through_openings(reference: &Reference, seen: &[Seen]) -> Option<(f32, f32)> {
+    let open = |direction: Vec3| seen.iter().filter(|point| point.is_open(reference, direction)).count();
     let around: Vec<Vec3> = camera::sphere(64).collect();
-    let rays = seen.len() * around.len();
-    let free = seen.iter().map(|point| around.iter().filter(|d| open(point, **d)).count()).sum::<usize>();
-    if rays == 0 || (free as f32) < OPEN * rays as f32 {
+    let free: usize = around.iter().map(|&direction| open(direction)).sum();
+    if (free as f32) <= OPEN * (seen.len() * around.len()) as f32 {
         return None;
     }
     let suns = [35.0, 50.0, 65.0].into_iter().flat_map(|e| (0..24).map(move |a| (e, 15.0 * a as f32)));
-    let reach = |(elevation, azimuth)| {
-        let towards = camera::direction(azimuth, elevation);
-        seen.iter().filter(|point| open(point, towards)).count()
-    };
-    suns.map(|sun| (reach(sun), sun)).reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, sun)| sun)
+    let reached = suns.map(|(elevation, azimuth)| (open(camera::direction(azimuth, elevation)), (elevation, azimuth)));
+    reached.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, sun)| sun)
 }
 
 /// A lamp below the ceiling, over the middle of what the camera sees.

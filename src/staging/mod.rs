@@ -103,7 +103,8 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
         camera = camera.clone().looking(eye, target).unwrap_or(camera);
     }
     if lights && light::lacks(scene, &mut reference, &camera) {
-        let own = if light::shines(scene) { "what shines in the scene hardly lights it" } else { "the scene has no light" };
+        let own =
+            if light::shines(scene) { "what shines in the scene hardly lights it" } else { "the scene has no light" };
         match light::add(scene, &reference, &camera)? {
             Added::Environment { source, rotate } => {
                 let turned = if rotate == 0.0 { String::new() } else { format!(" --env-rotate {rotate}") };

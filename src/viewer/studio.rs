@@ -371,8 +371,8 @@ impl Worker {
     /// Loads, poses and edits.
     fn stage(&mut self, order: &Order) -> Result<Stage, Note> {
         if self.loaded.as_ref().is_none_or(|(source, _)| *source != order.source) {
-            let scene = staging::load(&order.source.spec, &order.source.staging)
-                .map_err(|e| Note::NotLoaded(e.to_string()))?;
+            let scene =
+                staging::load(&order.source.spec, &order.source.staging).map_err(|e| Note::NotLoaded(e.to_string()))?;
             log::info!("loaded {}", order.source.spec);
             let shares = order.panes.iter().any(|pane| pane.settings.method.shares_subpaths());
             self.desk.lock().unwrap_or_else(PoisonError::into_inner).card = Some(card(&scene, shares));

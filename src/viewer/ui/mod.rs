@@ -200,8 +200,8 @@ mod tests {
     use crate::film::Film;
     use crate::renderer::RenderStats;
     use crate::scene::builtin;
-    use crate::staging::Staging;
     use crate::settings::Settings;
+    use crate::staging::Staging;
     use crate::tonemap::{Exposure, Tonemap};
     use crate::viewer::order::{Card, Machine};
     use crate::viewer::state::Launch;
