@@ -53,7 +53,9 @@ fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
 
 fn plan_of(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = FramePlan::new(stats, settings, &capabilities());
-    let counts = [plan.light_vertices.saturating_sub(1), plan.grid.regions()[0] * plan.extensions.len() as u32];
+    let subpaths = plan.grid.subpaths();
+    let counts =
+        [subpaths * plan.light_vertices.saturating_sub(1), plan.grid.regions()[0] * plan.extensions.len() as u32];
     assert_eq!(["light_subpath", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
     assert!(plan.bytes > 0);
     let text = plan.to_string();
@@ -467,7 +469,7 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
     let auto = Settings::default();
     let lamp = SceneStats { sharp_lights: 1, ..one_light() };
     let (side, why) = interleave(&lamp, &auto);
-    assert!(side == 4 && why.starts_with("auto: by the model a light subpath takes 6."), "{side} {why}");
+    assert!(side == 3 && why.starts_with("auto: by the model a light subpath takes 6."), "{side} {why}");
     let metals = SceneStats { glossy_triangles: 10, narrow_metals: true, ..lamp.clone() };
     assert_eq!(interleave(&metals, &auto).0, 6);
     let sized = |triangles, mean_triangle_size| SceneStats { triangles, mean_triangle_size, ..lamp.clone() };
@@ -485,7 +487,7 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
     let (side, why) = interleave(&lamp, &Settings { width: 64, height: 64, ..auto.clone() });
     assert!(side == 1 && why.contains("pixels are few"), "{side} {why}");
     // The twin has the random numbers of raster.
-    assert_eq!(interleave(&lamp, &Settings { method: Method::Twin, ..auto }).0, 4);
+    assert_eq!(interleave(&lamp, &Settings { method: Method::Twin, ..auto }).0, 3);
 }
 
 #[test]
@@ -509,7 +511,7 @@ fn the_side_is_one_where_nothing_is_to_be_filtered() {
     // A camera's own lens, and one that is closed.
     let lens = SceneStats { lens: true, ..lamp.clone() };
     assert_eq!(interleave(&lens, &auto).0, 1);
-    assert_eq!(interleave(&lens, &Settings { aperture: Some(0.0), ..auto.clone() }).0, 4);
+    assert_eq!(interleave(&lens, &Settings { aperture: Some(0.0), ..auto.clone() }).0, 3);
     // Light without noise alone.
     let area = SceneStats { emissive_triangles: 2, ..dark() };
     assert_eq!(interleave(&area, &Settings { bounces: 0, ..auto.clone() }).0, 3);
