@@ -59,9 +59,8 @@ const PLACES_OF_A_STAGE: f32 = 0.08;
 const SEEN_FROM_OUTSIDE: f32 = 0.2;
 const SEEN_OF_A_STAGE: f32 = 0.55;
 
-/// A scene lies where it is this much lower than wide; then steep views are liked twice as much.
+/// A scene lies where it is this much lower than wide.
 const LYING: f32 = 0.25;
-const STEEP: f32 = 30.0;
 
 /// Directions in which a place in a room is looked from.
 const YAWS: usize = 16;
@@ -119,9 +118,10 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
     let points = &main_part(&samples, points);
     let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
         // Among the houses of a town it is not as on a stage.
-        (Enclosure::Stage, _) if !lies => (directions(&STAGE_VIEWS, lies), Subject::Stage),
+        (Enclosure::Stage, _) if !lies => (directions(&STAGE_VIEWS), Subject::Stage),
         (_, Some(front)) => (vec![(front, 1.0)], Subject::Flat),
-        (_, None) => (directions(&VIEWS, lies), Subject::Object),
+        (_, None) if lies => (directions(&LYING_VIEWS), Subject::Object),
+        (_, None) => (directions(&VIEWS), Subject::Object),
     };
     let judged = views.into_par_iter().map(|(towards_eye, weight)| {
         let camera = fit(points, towards_eye, size);
@@ -144,14 +144,15 @@ const VIEWS: [(f32, f32, f32); 9] = [
     (180.0, 8.0, 0.65),
 ];
 
+/// The same of views of what is much lower than wide, such as a town: from above, or little of the image would be filled.
+const LYING_VIEWS: [(f32, f32, f32); 4] =
+    [(15.0, 45.0, 1.0), (-15.0, 45.0, 0.95), (105.0, 45.0, 0.7), (195.0, 45.0, 0.65)];
+
 /// The same of views into something that is open on one side.
 const STAGE_VIEWS: [(f32, f32, f32); 4] = [(0.0, 0.0, 1.0), (90.0, 0.0, 0.9), (-90.0, 0.0, 0.9), (180.0, 0.0, 0.85)];
 
-fn directions(views: &[(f32, f32, f32)], lies: bool) -> Vec<(Vec3, f32)> {
-    let weighted = |&(azimuth, elevation, weight): &(f32, f32, f32)| {
-        (direction(azimuth, elevation), if lies && elevation > STEEP { 2.0 * weight } else { weight })
-    };
-    views.iter().map(weighted).collect()
+fn directions(views: &[(f32, f32, f32)]) -> Vec<(Vec3, f32)> {
+    views.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect()
 }
 
 /// How far points reach along a unit vector, metres.
