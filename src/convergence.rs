@@ -7,12 +7,18 @@
 //!   E(n) = D(a, b) / ((n / a)^p - (n / b)^p).
 //!
 //! One pair may be wrong by a factor of three where all pixels share their light subpaths. The estimate is the geometric mean over the
-//! pairs of the latest looks. It knows no error that all of a picture's samples share.
+//! pairs of the latest looks. It knows no error that all of a picture's samples share, such as a bias.
+//!
+//! The bias of the filter of interleaved pictures is estimated apart, with F the picture, U the same samples unfiltered, T filtered twice.
+//! F - U has the bias b in the mean and the noise of U. Of two sets of samples these noises have little in common, so that the product of
+//! the two F - U is b^2 in the mean, but noisy. T - F is what the filter takes away from F: like b, with little noise, and smaller, since
+//! F is smooth already. b^2 is taken to be the product, but at least n and at most 3/4 n^2 times (T - F)^2, with n the side of the filter's
+//! square: measured with 2 and 4 in seven scenes.
 
 use std::collections::VecDeque;
 
 use crate::film::Film;
-use crate::metrics::{CompareError, rel_mse_of_tiles};
+use crate::metrics::{CompareError, DARK, rel_mse_of_tiles};
 use crate::tiles::{TILE, Tiles};
 
 /// p: how errors fall with samples. Measured with raster in seven scenes: 1.0 to 1.5.
@@ -31,7 +37,21 @@ const STEP: f64 = std::f64::consts::SQRT_2;
 const LEAST_STEP: f64 = 1.2;
 
 /// Looks whose pairs count. Each has two: with the picture of one look before, and of two.
-const LOOKS: usize = 4;
+const LOOKS: usize = 5;
+
+/// Earlier looks whose unfiltered pictures are held against the latest.
+const PRODUCTS: usize = 4;
+
+/// What tells the bias of the filter of interleaved pictures.
+#[derive(Clone, Debug)]
+pub struct BiasFilms {
+    /// Pixels along a side of the filter's square.
+    pub side: u32,
+    /// The picture's samples, unfiltered.
+    pub unfiltered: Film,
+    /// The same filtered twice.
+    pub twice: Film,
+}
 
 /// Two pictures: samples of either, and how far they are apart in each tile.
 #[derive(Clone, Debug)]
@@ -53,6 +73,8 @@ pub struct Convergence {
     /// Samples and pictures of the latest looks, the last one at the end.
     films: VecDeque<(u64, Film)>,
     pairs: VecDeque<Pair>,
+    /// Samples of the latest looks and what the filter has done to the picture: F - U.
+    filtered: VecDeque<(u64, Vec<f64>)>,
     /// Looks so far.
     looks: u32,
     /// Samples when tiles were last told what they lack.
@@ -65,7 +87,8 @@ impl Convergence {
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
         let tiles = Tiles::new(width, height);
-        Self { tiles, films: VecDeque::new(), pairs: VecDeque::new(), looks: 0, told: 0, error: None }
+        let (films, pairs, filtered) = (VecDeque::new(), VecDeque::new(), VecDeque::new());
+        Self { tiles, films, pairs, filtered, looks: 0, told: 0, error: None }
     }
 
     /// Samples at which to look again.
@@ -75,8 +98,9 @@ impl Convergence {
     }
 
     /// Learns from the picture of so many samples. Returns its rel_mse, estimated; none where too little is known or its values are not
-    /// finite. Pictures may also come before [`Self::next_look`], from a render that is ended.
-    pub fn look(&mut self, samples: u64, film: &Film) -> Option<f64> {
+    /// finite. Pictures may also come before [`Self::next_look`], from a render that is ended. `bias` are
+    /// [`crate::renderer::Progressive::bias_films`].
+    pub fn look(&mut self, samples: u64, film: &Film, bias: Option<&BiasFilms>) -> Option<f64> {
         let last = self.films.back().map_or(0, |(samples, _)| *samples);
         if samples <= last {
             return self.error;
@@ -84,7 +108,8 @@ impl Convergence {
         while self.next_look() <= samples {
             self.looks += 1;
         }
-        if self.learn(samples, film).is_err() {
+        let bias = bias.map_or(0.0, |bias| self.bias(samples, film, bias));
+        if self.learn(samples, film, bias).is_err() {
             // Holes in the picture stay.
             self.error = None;
         }
@@ -95,7 +120,7 @@ impl Convergence {
         self.error
     }
 
-    fn learn(&mut self, samples: u64, film: &Film) -> Result<(), CompareError> {
+    fn learn(&mut self, samples: u64, film: &Film, bias: f64) -> Result<(), CompareError> {
         // Pictures that hardly differ in samples tell nothing; the last look of a render may come soon.
         let apart = |before: u64| samples as f64 > LEAST_STEP * before as f64;
         for (before, older) in self.films.iter().rev().filter(|(before, _)| apart(*before)) {
@@ -113,8 +138,38 @@ impl Convergence {
             self.tiles.learn(&shown);
             self.told = samples;
         }
-        self.error = Some(self.tiles.error(self.of_running(samples)));
+        self.error = Some(self.tiles.error(self.of_running(samples)) + bias);
         Ok(())
+    }
+
+    /// Estimated rel_mse that the filter of a picture makes: its squared bias.
+    fn bias(&mut self, samples: u64, film: &Film, bias: &BiasFilms) -> f64 {
+        let values = |film: &Film| film.pixels.iter().flatten().map(|&value| f64::from(value)).collect::<Vec<_>>();
+        let [film, unfiltered, twice] = [film, &bias.unfiltered, &bias.twice].map(values);
+        // Bright light that leaks into dark pixels is held against these.
+        let weight = |(filtered, unfiltered): (&f64, &f64)| 1.0 / (filtered.min(unfiltered.max(0.0)).powi(2) + DARK);
+        let weights: Vec<f64> = film.iter().zip(&unfiltered).map(weight).collect();
+        let count = weights.len().max(1) as f64;
+        let squares = weights.iter().zip(film.iter().zip(&twice)).map(|(w, (once, twice))| w * (once - twice).powi(2));
+        let again = squares.sum::<f64>() / count;
+        let now: Vec<f64> = film.iter().zip(&unfiltered).map(|(filtered, unfiltered)| filtered - unfiltered).collect();
+        let n = samples as f64;
+        let product = |(before, then): &(u64, Vec<f64>)| {
+            let m = *before as f64;
+            // What the samples since then have.
+            let since = |now: f64, then: f64| (n * now - m * then) / (n - m);
+            let all = weights.iter().zip(then.iter().zip(&now)).map(|(w, (&then, &now))| w * then * since(now, then));
+            all.sum::<f64>() / count
+        };
+        let apart = self.filtered.iter().filter(|(before, _)| n > LEAST_STEP * *before as f64);
+        let products: Vec<f64> = apart.map(product).collect();
+        let mean = products.iter().sum::<f64>() / products.len().max(1) as f64;
+        self.filtered.push_back((samples, now));
+        if self.filtered.len() > PRODUCTS {
+            self.filtered.pop_front();
+        }
+        let side = f64::from(bias.side);
+        mean.max(side * again).min(0.75 * side * side * again)
     }
 
     /// Estimated rel_mse of the pixels that still take samples.
@@ -175,7 +230,7 @@ mod tests {
         let mut looks = Vec::new();
         while convergence.next_look() < 100 {
             looks.push(convergence.next_look());
-            convergence.look(convergence.next_look(), &film(|_| 0.0));
+            convergence.look(convergence.next_look(), &film(|_| 0.0), None);
         }
         assert_eq!(looks, [4, 6, 8, 11, 16, 23, 32, 45, 64, 91]);
     }
@@ -191,7 +246,8 @@ mod tests {
                 sums.iter_mut().enumerate().for_each(|(at, sum)| *sum += 0.3 * noise(at, samples));
                 samples += 1;
             }
-            let Some(error) = convergence.look(samples, &film(|at| sums[at] / samples as f64)) else { continue };
+            let shown = film(|at| sums[at] / samples as f64);
+            let Some(error) = convergence.look(samples, &shown, None) else { continue };
             let truth = 0.09 / samples as f64 / 1.01;
             assert!((0.5..1.2).contains(&(error / truth)), "{samples} samples: {error} where {truth} is true");
             seen += 1;
@@ -199,8 +255,29 @@ mod tests {
         assert_eq!(seen, 9);
         // Another look at the same picture says the same, one at a picture with holes nothing.
         let error = convergence.error();
-        assert!(error.is_some() && convergence.look(samples, &film(|_| 9.0)) == error);
-        let holes = convergence.look(samples + 1, &film(|_| f64::NAN));
+        assert!(error.is_some() && convergence.look(samples, &film(|_| 9.0), None) == error);
+        let holes = convergence.look(2 * samples, &film(|_| f64::NAN), None);
         assert!(holes.is_none_or(f64::is_nan), "{holes:?}");
+    }
+
+    /// A picture that is too bright by 0.1 in all its samples: the filter's work, as its unfiltered samples show.
+    #[test]
+    fn what_the_filter_adds_is_an_error() {
+        let estimate = |twice: f64, noisy: f64| {
+            let mut convergence = Convergence::new(64, 64);
+            while convergence.next_look() <= 64 {
+                let samples = convergence.next_look();
+                // Sums of the first samples.
+                let noise = |at: usize| noisy * (0..samples).map(|n| noise(at, n)).sum::<f64>() / samples as f64;
+                let films = BiasFilms { side: 4, unfiltered: film(noise), twice: film(|_| twice) };
+                convergence.look(samples, &film(|_| 0.1), Some(&films));
+            }
+            convergence.error().unwrap()
+        };
+        let truth = 0.01 / 1.01;
+        // The second filter adds a third of it.
+        let seen = [estimate(0.1333, 0.0), estimate(0.1333, 0.3)];
+        assert!(seen.iter().all(|error| (0.5..2.0).contains(&(error / truth))), "{seen:?} where {truth} is true");
+        assert!(estimate(0.1, 0.0) < 1e-6, "a filter that changes nothing any more has no bias");
     }
 }

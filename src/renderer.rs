@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 
 use crate::bundle_directions::BundleDirections;
+use crate::convergence::BiasFilms;
 use crate::film::{self, Film};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -101,6 +102,14 @@ pub trait Progressive {
     /// # Errors
     /// [`RenderError::Gpu`].
     fn film(&self) -> Result<Film, RenderError>;
+
+    /// Where pictures are filtered and an error is asked for: the picture unfiltered, and filtered twice.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(None)
+    }
 
     /// Counts and times so far.
     #[must_use]
@@ -384,6 +393,10 @@ impl Progressive for Renderer<'_> {
                 read_film(self.gpu, pixels.films(), &self.settings, self.samples, pixels.settled.as_ref())
             }
         }
+    }
+
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(self.frame.live.as_ref().map_or(Ok(None), |live| live.bias_films(self.gpu))?)
     }
 
     fn stats(&self) -> RenderStats {

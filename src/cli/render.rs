@@ -375,7 +375,7 @@ impl Job<'_> {
             let film = renderer.film()?;
             let mut found = (samples >= end).then_some(Ending::Samples).or(ended);
             if let Some((target, convergence)) = &mut convergence {
-                let error = convergence.look(samples, &film);
+                let error = convergence.look(samples, &film, renderer.bias_films()?.as_ref());
                 if error.is_some_and(|error| error <= *target) {
                     found = found.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
                 }
