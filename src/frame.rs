@@ -190,7 +190,7 @@ impl Frame {
             connections: connections.collect(),
             extensions: extensions.collect(),
             list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[visibility, along].concat()))),
-            accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags(), reuse].concat()),
+            accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags()].concat()),
             live: plan.is_live().then(|| Live::new(gpu, plan)),
             directions,
             starts: Vec::new(),

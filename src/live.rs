@@ -10,6 +10,7 @@ use std::array;
 
 use glam::{Mat4, Vec3};
 
+use crate::convergence::BiasFilms;
 use crate::film::Film;
 use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
@@ -50,6 +51,15 @@ struct Before {
     jitter: [f32; 2],
 }
 
+/// What tells the bias of the filter: the same frames unfiltered, and filtered twice.
+struct Bias {
+    filtered_twice: wgpu::Buffer,
+    composed: wgpu::Buffer,
+    /// Pictures of either.
+    unfiltered: Pair,
+    twice: Pair,
+}
+
 /// Layers, memory and passes of a moving picture.
 pub struct Live {
     grid: Grid,
@@ -71,6 +81,7 @@ pub struct Live {
     gradient: Option<(Gradient, wgpu::Buffer)>,
     temporal: Option<(Temporal, Pair)>,
     filter: Option<(Filter, wgpu::Buffer)>,
+    bias: Option<Bias>,
     outliers: Option<(Outliers, wgpu::Buffer)>,
     compose: Compose,
     composed: wgpu::Buffer,
@@ -104,6 +115,12 @@ impl Live {
             gradient: plan.has_gradients().then(|| (Gradient::new(gpu), gpu.storage("gradients", squares * 8))),
             temporal: (plan.history > 0).then(|| (Temporal::new(gpu), Pair::new(gpu, "history", layer * 32))),
             filter: plan.filtered.then(|| (Filter::new(gpu, glossy), gpu.storage("filtered", layer * 32))),
+            bias: plan.measures_bias.then(|| Bias {
+                filtered_twice: gpu.storage("filtered", layer * 32),
+                composed: gpu.storage("composed", image * 16),
+                unfiltered: Pair::new(gpu, "picture", image * 16),
+                twice: Pair::new(gpu, "picture", image * 16),
+            }),
             outliers: plan.tamed.then(|| (Outliers::new(gpu), gpu.storage("tamed", layer * 32))),
             compose: Compose::new(gpu, upsample),
             composed: gpu.storage("composed", image * 16),
@@ -120,7 +137,12 @@ impl Live {
         let more = [&self.composed].into_iter().chain(self.gradient.as_ref().map(|(_, buffer)| buffer));
         let more = more.chain(self.filter.as_ref().map(|(_, buffer)| buffer));
         let more = more.chain(self.outliers.as_ref().map(|(_, buffer)| buffer)).chain(&self.positions_before);
-        pairs.map(Pair::bytes).sum::<u64>() + more.map(wgpu::Buffer::size).sum::<u64>()
+        let of_bias = |bias: &Bias| {
+            let buffers = [&bias.filtered_twice, &bias.composed].map(wgpu::Buffer::size);
+            buffers.iter().sum::<u64>() + bias.unfiltered.bytes() + bias.twice.bytes()
+        };
+        let bias = self.bias.as_ref().map_or(0, of_bias);
+        pairs.map(Pair::bytes).sum::<u64>() + more.map(wgpu::Buffer::size).sum::<u64>() + bias
     }
 
     /// Forgets all frames.
@@ -229,17 +251,28 @@ impl Live {
             pass.record(gpu, encoder, layer, &bindings(scene, &shared, &more));
             light = tamed;
         }
-        let of_image = [
-            ("guides", self.guides.now(frame)),
-            ("layer_guides", layer_guides.now(frame)),
-            ("filtered", light),
-            ("composed", &self.composed),
-            ("picture", self.pictures.now(frame)),
-            ("picture_before", self.pictures.before(frame)),
-        ];
-        let all = bindings(scene, &shared, &of_image);
-        self.compose.record(gpu, encoder, self.grid.size, &all);
-        self.antialias.record(gpu, encoder, self.grid.size, &all);
+        // Each with the light that it is made of.
+        let mut pictures = vec![(light, &self.composed, &self.pictures)];
+        if let (Some((pass, filtered)), Some(bias)) = (&self.filter, &self.bias) {
+            let more = [("unfiltered", filtered), ("filtered", &bias.filtered_twice)];
+            let more = [of_layer.as_slice(), &more].concat();
+            pass.record(gpu, encoder, layer, &bindings(scene, &shared, &more));
+            pictures.push((unfiltered, &bias.composed, &bias.unfiltered));
+            pictures.push((&bias.filtered_twice, &bias.composed, &bias.twice));
+        }
+        for (light, composed, pictures) in pictures {
+            let of_image = [
+                ("guides", self.guides.now(frame)),
+                ("layer_guides", layer_guides.now(frame)),
+                ("filtered", light),
+                ("composed", composed),
+                ("picture", pictures.now(frame)),
+                ("picture_before", pictures.before(frame)),
+            ];
+            let all = bindings(scene, &shared, &of_image);
+            self.compose.record(gpu, encoder, self.grid.size, &all);
+            self.antialias.record(gpu, encoder, self.grid.size, &all);
+        }
         gpu.queue.submit([commands.finish()]);
 
         self.before = Some(Before { clip_from_world: seen.clip_from_world, jitter: seen.jitter });
@@ -280,8 +313,22 @@ impl Live {
     /// # Errors
     /// [`GpuError`] where the device fails.
     pub fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
+        self.read(gpu, &self.pictures)
+    }
+
+    /// The same frames unfiltered, and filtered twice, where the plan measures the bias of the filter.
+    ///
+    /// # Errors
+    /// [`GpuError`] where the device fails.
+    pub fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
+        let Some(bias) = &self.bias else { return Ok(None) };
+        let [unfiltered, twice] = [&bias.unfiltered, &bias.twice].map(|pictures| self.read(gpu, pictures));
+        Ok(Some(BiasFilms { side: self.grid.side, unfiltered: unfiltered?, twice: twice? }))
+    }
+
+    fn read(&self, gpu: &Gpu, pictures: &Pair) -> Result<Film, GpuError> {
         let [width, height] = self.grid.size;
-        let pixels: Vec<[f32; 4]> = read_back(gpu, self.pictures.before(self.frame), (width * height) as usize)?;
+        let pixels: Vec<[f32; 4]> = read_back(gpu, pictures.before(self.frame), (width * height) as usize)?;
         Ok(Film { width, height, pixels: pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect() })
     }
 }

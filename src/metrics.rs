@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::film::Film;
 
 /// Keeps relative errors of dark values finite.
-const DARK: f64 = 0.01;
+pub(crate) const DARK: f64 = 0.01;
 
 /// The figures of one comparison. NaN is `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,6 +5,8 @@
 //! camera and stored; eye subpaths are joined to lights and to the vertices stored for their pixel. Pixels come in groups, so that
 //! what is stored fits the device. Unbiased, but that media know only the one that a path entered last.
 
+use std::time::Instant;
+
 use crate::film::{self, Film};
 use crate::gpu::{Gpu, GpuError, read_back};
 use crate::gpu_scene::GpuScene;
@@ -18,12 +20,12 @@ use crate::passes::reservoirs::Reservoirs;
 use crate::passes::resolve::Resolve;
 use crate::path_plan::PathPlan;
 use crate::posing::Posing;
-use crate::renderer::{Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
+use crate::renderer::{BatchSize, Progressive, RenderError, RenderStats, camera_of, check_size, clear, read_film};
 use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 use crate::tiles::{self, Settled};
 
-/// Samples between looks at the log.
+/// Most samples between looks at the log.
 const BATCH: u64 = 8;
 
 /// `Paths.only_s` where all strategies count.
@@ -111,6 +113,7 @@ pub struct PathRenderer<'gpu> {
     pixels: Pixels,
     posing: Posing,
     samples: u64,
+    batch_size: BatchSize,
     stats: RenderStats,
 }
 
@@ -161,6 +164,7 @@ impl<'gpu> PathRenderer<'gpu> {
             plan,
             posing,
             samples: 0,
+            batch_size: BatchSize::default(),
         };
         this.count_only(settings.only);
         gpu.check()?;
@@ -271,12 +275,14 @@ impl Progressive for PathRenderer<'_> {
     fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = self.samples + samples;
         while self.samples < end {
-            let next = end.min(self.samples + BATCH);
+            let count = self.batch_size.next(BATCH.min(end - self.samples));
+            let (began, next) = (Instant::now(), self.samples + count);
             (self.samples..next).for_each(|number| self.sample(number));
             let non_finite: Vec<u32> = read_back(self.gpu, &self.pixels.log, 1)?;
             self.stats.non_finite += u64::from(non_finite[0]);
             self.gpu.queue.write_buffer(&self.pixels.log, 0, &[0; 4]);
             self.gpu.timings.collect(self.gpu)?;
+            self.batch_size.record(count, began.elapsed());
             self.samples = next;
             if !progress(self.samples) {
                 break;

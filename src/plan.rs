@@ -167,6 +167,8 @@ pub struct FramePlan {
     pub clear_light: bool,
     /// Whether the pixels of a square are joined by a filter.
     pub filtered: bool,
+    /// Whether two more pictures tell the bias of the filter: one unfiltered, one filtered twice.
+    pub measures_bias: bool,
     /// Whether outliers of the layers are given the brightness of those around them.
     pub tamed: bool,
     /// Frames that indirect light is averaged over; 0: none.
@@ -339,6 +341,7 @@ impl FramePlan {
                 && light_pool == 1
                 && (lights == 1 || one_each),
             filtered: false,
+            measures_bias: false,
             tamed: settings.tame_outliers,
             history: settings.history,
             bytes: 0,
@@ -348,6 +351,8 @@ impl FramePlan {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         plan.grid.layered = plan.grid.side > 1 || settings.is_live();
         plan.filtered = plan.grid.side > 1 && !settings.unfiltered;
+        plan.measures_bias =
+            settings.target_error.is_some() && plan.filtered && !settings.tame_outliers && settings.upsample == 1;
         plan.settles = settings.target_error.is_some() && !plan.is_live();
         plan.shares_looks = !plan.is_live() && 4 * stats.triangles as u64 > pixels;
         let usual = if plan.has_pool() && !plan.reuses() {
@@ -679,10 +684,10 @@ impl FramePlan {
     pub fn live_bytes(&self) -> u64 {
         let [image, layer] = [self.grid.size, self.grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
-        let of_image = 2 * (guide + 16) + 16 + 32;
+        let of_image = 2 * (guide + 16) + 16 + 32 + if self.measures_bias { 16 + 2 * 32 } else { 0 };
         let mut of_layer = 2 * 32;
         of_layer += if self.grid.scale > 1 { 2 * guide } else { 0 };
-        of_layer += if self.filtered { 32 } else { 0 };
+        of_layer += if self.filtered { 32 } else { 0 } + if self.measures_bias { 32 } else { 0 };
         of_layer += if self.tamed { 32 } else { 0 };
         of_layer += if self.history > 0 { 2 * 32 } else { 0 };
         let squares: u64 = self.grid.squares().iter().map(|&side| u64::from(side)).product();
@@ -842,7 +847,13 @@ impl FramePlan {
         let all = "pictures are summed as they are";
         let mut row = |name, runs: bool, why: String, why_not: &str| {
             let reason = if runs { why } else { if self.is_live() { why_not } else { all }.to_owned() };
-            pass(name, u32::from(runs), reason);
+            let runs = match name {
+                // What measures the filter's bias is filtered once more, and makes two more pictures.
+                "filter" if self.measures_bias => 2,
+                "compose" | "antialias" if self.measures_bias => 3,
+                _ => u32::from(runs),
+            };
+            pass(name, runs, reason);
         };
         let Grid { side, scale, .. } = self.grid;
         row(

@@ -1,10 +1,12 @@
 //! Renders a scene by rasterization: owns the frame, runs iterations in batches, redoes those that ran out of room.
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
 use crate::bundle_directions::BundleDirections;
+use crate::convergence::BiasFilms;
 use crate::film::{self, Film};
 use crate::frame::Frame;
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
@@ -18,8 +20,32 @@ use crate::settings::{LightSampling, Settings, Strategies};
 use crate::tiles::{self, Settled};
 use crate::view::room_for;
 
-/// Iterations between looks at the log.
-const BATCH: u32 = 8;
+/// Most iterations of a batch; the log has 32 bits for them.
+const BATCH: u64 = 8;
+
+/// Seconds that a batch should take: a render can be stopped between two batches.
+const BATCH_SECONDS: f64 = 0.5;
+
+/// Chooses the size of the next batch from the time that the last one took.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BatchSize {
+    samples: u64,
+    seconds: f64,
+}
+
+impl BatchSize {
+    /// Samples that take half a second at the rate of the last batch: at least 1, at most `most` and twice the last batch.
+    #[must_use]
+    pub fn next(&self, most: u64) -> u64 {
+        let fit = BATCH_SECONDS * self.samples as f64 / self.seconds.max(1e-9);
+        (fit as u64).clamp(1, 2 * self.samples.max(1)).min(most)
+    }
+
+    /// Records a batch.
+    pub fn record(&mut self, samples: u64, time: Duration) {
+        (self.samples, self.seconds) = (samples, time.as_secs_f64());
+    }
+}
 
 /// Why a picture could not be rendered.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -81,6 +107,14 @@ pub trait Progressive {
     /// [`RenderError::Gpu`].
     fn film(&self) -> Result<Film, RenderError>;
 
+    /// Where pictures are filtered and an error is asked for: the picture unfiltered, and filtered twice.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`].
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(None)
+    }
+
     /// Counts and times so far.
     #[must_use]
     fn stats(&self) -> RenderStats;
@@ -129,6 +163,7 @@ pub struct Renderer<'gpu> {
     frame: Frame,
     posing: Posing,
     samples: u64,
+    batch_size: BatchSize,
     stats: RenderStats,
 }
 
@@ -177,6 +212,7 @@ impl<'gpu> Renderer<'gpu> {
             frame,
             posing,
             samples: 0,
+            batch_size: BatchSize::default(),
         };
         this.favour_lights()?;
         gpu.check()?;
@@ -268,7 +304,8 @@ impl<'gpu> Renderer<'gpu> {
         &self.plan
     }
 
-    /// Runs some iterations until all of them are in the film.
+    /// Runs some iterations until all of them are in the film, in this order: where one ran out of room, the later ones wait for it,
+    /// so that the sums round alike however many iterations a batch has.
     fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
         loop {
             for (index, &iteration) in iterations.iter().enumerate() {
@@ -323,9 +360,11 @@ impl Progressive for Renderer<'_> {
         let end = self.samples + samples;
         while self.samples < end {
             // The first iteration alone, so that little has to be redone where the guess of room was too small.
-            let count =
-                if self.samples == 0 || self.plan.is_live() { 1 } else { u64::from(BATCH).min(end - self.samples) };
+            let alone = self.samples == 0 || self.plan.is_live();
+            let count = self.batch_size.next(if alone { 1 } else { BATCH.min(end - self.samples) });
+            let began = Instant::now();
             self.batch((self.samples..self.samples + count).collect())?;
+            self.batch_size.record(count, began.elapsed());
             self.samples += count;
             self.frame.advance(self.gpu, &self.scene);
             if !progress(self.samples) {
@@ -362,6 +401,10 @@ impl Progressive for Renderer<'_> {
                 read_film(self.gpu, pixels.films(), &self.settings, self.samples, pixels.settled.as_ref())
             }
         }
+    }
+
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(self.frame.live.as_ref().map_or(Ok(None), |live| live.bias_films(self.gpu))?)
     }
 
     fn stats(&self) -> RenderStats {
@@ -421,4 +464,27 @@ pub(crate) fn read_film<'a>(
         [0, 1, 2].map(|c| ((f64::from(sum[c]) - f64::from(lost[c])) / count as f64) as f32)
     };
     Ok(Film { width: settings.width, height: settings.height, pixels: sums.iter().enumerate().map(pixel).collect() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_take_half_a_second() {
+        let mut size = BatchSize::default();
+        assert_eq!(size.next(8), 1, "nothing is known of the first");
+        for (samples, millis, most, next) in [
+            (1, 10, 8, 2),
+            (2, 20, 8, 4),
+            (8, 80, 8, 8),
+            (8, 80, 3, 3),
+            (8, 2000, 8, 2),
+            (2, 9000, 8, 1),
+            (64, 0, 999, 128),
+        ] {
+            size.record(samples, Duration::from_millis(millis));
+            assert_eq!(size.next(most), next, "{samples} samples in {millis} ms");
+        }
+    }
 }

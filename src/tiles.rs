@@ -1,13 +1,11 @@
 //! Squares of a picture that take no more samples where they are as near to the truth as asked for (`--target-error`).
 //!
-//! What a tile lacks is told by the picture's first half ([`rel_mse_of_tiles`]). One look may be luck, above all where pixels share their random numbers, and light that
+//! What a tile lacks is told by the picture's first half ([`crate::convergence`]). One look may be luck, above all where pixels share their random numbers, and light that
 //! is seldom found is found next door sooner or later; so a tile's error is the larger of what it shows and half of what it showed
 //! when the picture had half as many samples, and a tile settles where that of its neighbours is at most the picture's target, too. It
 //! stays settled, and counts for the picture with that error.
 
-use crate::film::Film;
 use crate::gpu::Gpu;
-use crate::metrics::{CompareError, rel_mse_of_tiles};
 use crate::renderer::RenderError;
 
 /// Pixels along a side (shaders/lib/tiles.wesl).
@@ -45,27 +43,33 @@ impl Tiles {
         Self { grid, shown: unknown.clone(), errors: unknown, settled: vec![false; pixels.len()], pixels }
     }
 
-    /// Holds a picture against that of the first half of its samples, which tells the rel_mse of the picture.
-    ///
-    /// # Errors
-    /// As [`crate::metrics::compare`].
-    pub fn look(&mut self, half: &Film, whole: &Film) -> Result<f64, CompareError> {
-        let shown = rel_mse_of_tiles(half, whole, TILE)?;
-        Ok(self.learn(&shown))
-    }
-
-    /// The picture's error where its tiles show these.
-    fn learn(&mut self, shown: &[f64]) -> f64 {
+    /// Learns what the tiles of a picture lack that has twice the samples of the last one.
+    pub fn learn(&mut self, shown: &[f64]) {
         for tile in (0..shown.len()).filter(|&tile| !self.settled[tile]) {
             let before = self.shown[tile];
             // Not a number, where anything of it is not.
             self.errors[tile] = if before / 2.0 > shown[tile] { before / 2.0 } else { shown[tile] };
             self.shown[tile] = shown[tile];
         }
-        let counted = self.errors.iter().zip(&self.shown).zip(&self.settled);
-        let counted = counted.map(|((error, shown), settled)| if *settled { error } else { shown });
-        let sum: f64 = counted.zip(&self.pixels).map(|(error, &pixels)| error * f64::from(pixels)).sum();
-        sum / self.pixels.iter().copied().map(f64::from).sum::<f64>()
+    }
+
+    /// Mean over the pixels that take samples of what their tiles have; 0 where there are none.
+    #[must_use]
+    pub fn mean_of_running(&self, of_tiles: &[f64]) -> f64 {
+        let running = of_tiles.iter().zip(&self.pixels).zip(&self.settled).filter(|(_, settled)| !**settled);
+        let sum: f64 = running.map(|((value, &pixels), _)| value * f64::from(pixels)).sum();
+        sum / self.running_pixels().max(1) as f64
+    }
+
+    /// The picture's error where the pixels that take samples have one of `running`.
+    #[must_use]
+    pub fn error(&self, running: f64) -> f64 {
+        let settled = self.errors.iter().zip(&self.pixels).zip(&self.settled).filter(|(_, settled)| **settled);
+        let settled: f64 = settled.map(|((error, &pixels), _)| error * f64::from(pixels)).sum();
+        let all: f64 = self.pixels.iter().copied().map(f64::from).sum();
+        // None of them is none, whatever nothing lacks.
+        let pixels = self.running_pixels() as f64;
+        (settled + if pixels > 0.0 { running * pixels } else { 0.0 }) / all
     }
 
     /// Lets tiles settle in a picture that is to have an error of `target`. All of them have only where that is reached.
@@ -227,13 +231,12 @@ mod tests {
         let running = |tiles: &Tiles, error: f64| {
             tiles.settled().iter().map(|&s| if s { 0.0 } else { error }).collect::<Vec<_>>()
         };
-        let shown = running(&tiles, 3.0);
-        assert!((tiles.learn(&shown) - (11.0 * quiet + 4.0 * 3.0) / 15.0).abs() < 1e-12);
+        tiles.learn(&running(&tiles, 3.0));
+        assert!((tiles.error(3.0) - (11.0 * quiet + 4.0 * 3.0) / 15.0).abs() < 1e-12);
         // Settled they stay, whatever happens beside them.
         tiles.settle(1.0);
         assert_eq!(tiles.running(), 4);
-        let shown = running(&tiles, 0.0);
-        let error = tiles.learn(&shown);
+        let error = tiles.error(0.0);
         assert!((error - 11.0 * quiet / 15.0).abs() < 1e-12, "{error}");
     }
 
@@ -241,8 +244,8 @@ mod tests {
     #[test]
     fn all_tiles_have_settled_only_where_the_target_is_reached() {
         for look in [0.0, 0.5, 1.0, 1.5, 4.0] {
-            let mut tiles = after(&[look, look, look], 1.0, 3);
-            let error = tiles.learn(&[look; 15]);
+            let tiles = after(&[look, look, look], 1.0, 3);
+            let error = tiles.error(look);
             assert!(tiles.running() > 0 || error <= 1.0, "{look}: {error}");
         }
     }
@@ -254,15 +257,8 @@ mod tests {
             assert_eq!(tiles.running_pixels(), u64::from(width) * u64::from(height));
             assert_eq!(bytes(width, height), 4 * tiles.running() as u64);
         }
-        let mut whole = Film::new(17, 16);
-        whole.pixels[16] = [1.0; 3];
-        let mut tiles = Tiles::new(17, 16);
-        // Sixteen pixels of the second tile, of which one is wrong: the picture's error is that of all its pixels.
-        let error = tiles.look(&Film::new(17, 16), &whole).unwrap();
-        assert_eq!(tiles.shown[0], 0.0);
-        assert!((tiles.shown[1] - 1.0 / 0.01 / 16.0).abs() < 1e-9, "{:?}", tiles.shown);
-        assert!((error - tiles.shown[1] / 17.0).abs() < 1e-9, "{error}");
-        whole.pixels[0][1] = f32::NAN;
-        assert!(tiles.look(&Film::new(17, 16), &whole).is_err(), "a picture with holes is near to nothing");
+        // Sixteen pixels of the second tile: the picture's error is that of all its pixels.
+        let tiles = Tiles::new(17, 16);
+        assert!((tiles.mean_of_running(&[0.0, 6.25]) - 6.25 / 17.0).abs() < 1e-12);
     }
 }

@@ -516,6 +516,29 @@ fn an_error_that_is_asked_for_is_reached() {
     assert_eq!(render(&["--samples", "2"]).1, None);
 }
 
+/// Without samples, budget and error a picture gets as good as little noise is seen in, also by the reference.
+#[test]
+fn a_render_without_an_end_has_one() {
+    let folder = Folder::new("default-end");
+    let [out, json] = ["out.exr", "out.json"].map(|name| folder.path(name));
+    let methods: &[&str] = if common::gpu().is_some() { &["raster", "reference"] } else { &["reference"] };
+    for method in methods {
+        let scene = ["render", "builtin:cornell_point", "--size", "32x32", "-o", &out, "--stats", &json];
+        let output = run(&[&scene[..], &["--method", method]].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        let (error, samples) = (stats["estimated_error"].as_f64().unwrap(), stats["samples"].as_u64().unwrap());
+        assert!(error <= 0.003 && stats["ended_by"] == "target-error", "{method}: {stats}");
+        let closing = format!(" after {samples} samples by {method} on ");
+        let text = stderr(&output);
+        assert!(text.contains("estimated rel_mse 0.00") && text.contains(&closing), "{text}");
+    }
+    let plan = |more: &[&str]| succeed(&[&["plan", "builtin:cornell_point"], more].concat());
+    if common::gpu().is_some() {
+        assert!(plan(&[]).contains("tiles that have settled") && !plan(&["--samples", "4"]).contains("settled"));
+    }
+}
+
 #[test]
 fn a_budget_ends_the_render() {
     if common::gpu().is_none() {
@@ -529,7 +552,7 @@ fn a_budget_ends_the_render() {
             "render", scene, "-o", &out, "--size", "32x32", "--budget", "0.5", "--method", method, "--stats", &json,
         ]);
         let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
-        assert!(stats["samples"].as_u64() >= Some(1), "{method}");
+        assert!(stats["samples"].as_u64() >= Some(1) && stats["ended_by"] == "budget", "{method}");
         assert!(stats["seconds"]["render"].as_f64() < Some(20.0), "{method}");
         assert_eq!(Film::load(&out).unwrap().non_finite(), 0);
     }

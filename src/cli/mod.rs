@@ -1,11 +1,12 @@
 //! The command line: `render`, `view`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
 //! Exit codes: 0 done; 1 a threshold of `compare` is exceeded, or a case of `stress` is wrong; 2 an error, printed once on stderr as
-//! `error: ...`.
+//! `error: ...`; 130 `render` was interrupted.
 //! Results go to stdout or to the files asked for; warnings, progress and the closing line go to stderr.
 
 mod bench;
 mod compare;
+mod interrupt;
 mod output;
 mod render;
 mod stress;
@@ -16,14 +17,15 @@ use std::fmt::Display;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
-use clap::{Parser, Subcommand};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use serde::Serialize;
 
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::path_plan::PathPlan;
 use lightsheaf::plan::FramePlan;
 use lightsheaf::scene::{self, Geometry, SceneStats};
-use lightsheaf::settings::Method;
+use lightsheaf::settings::{Method, Settings};
 use lightsheaf::stress::messages::Listener;
 
 use view::{View, ViewArgs};
@@ -38,7 +40,8 @@ struct Cli {
     command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded or a case of stress is wrong, 2 an error.";
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded or a case of stress is wrong, 2 an error, 130 render was \
+                          interrupted (Ctrl-C or SIGTERM) and has written what it had; a second signal ends it at once.";
 
 #[derive(Subcommand)]
 enum Command {
@@ -76,8 +79,9 @@ pub fn run() -> ExitCode {
     if log::set_boxed_logger(Box::new(Listener(logger))).is_ok() {
         log::set_max_level(level);
     }
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
+    let parsed = Cli::command().try_get_matches().and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, matches)));
+    let (cli, matches) = match parsed {
+        Ok(parsed) => parsed,
         Err(e) => {
             // Nothing is left to do where the terminal is gone.
             let _ = e.print();
@@ -85,11 +89,17 @@ pub fn run() -> ExitCode {
         }
     };
     let done = match cli.command {
-        Command::Render(args) => render::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Render(mut args) => {
+            end_by_default(&mut args.view.settings, &matches);
+            render::run(&args)
+        }
         Command::View(args) => window::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),
+        Command::Plan(mut args) => {
+            end_by_default(&mut args.view.settings, &matches);
+            plan(&args).map(|()| ExitCode::SUCCESS)
+        }
         Command::Stress(args) => stress::run(&args),
         Command::Scenes => scenes().map(|()| ExitCode::SUCCESS),
     };
@@ -97,6 +107,15 @@ pub fn run() -> ExitCode {
         eprintln!("error: {e:#}");
         ExitCode::from(2)
     })
+}
+
+/// Ends a render by its error and by time where the command line names no end.
+fn end_by_default(settings: &mut Settings, matches: &ArgMatches) {
+    let of_command = matches.subcommand().map(|(_, matches)| matches);
+    let samples = of_command.and_then(|matches| matches.value_source("samples")) == Some(ValueSource::CommandLine);
+    if !samples && settings.budget.is_none() && settings.target_error.is_none() {
+        settings.end_by_default();
+    }
 }
 
 /// A device with what a method needs.

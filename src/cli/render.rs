@@ -3,34 +3,33 @@
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use lightsheaf::convergence::Convergence;
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
 use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
-use lightsheaf::renderer::{Progressive, RenderError, RenderStats, Renderer};
+use lightsheaf::renderer::{BatchSize, Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
-use lightsheaf::settings::{Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
-use lightsheaf::tiles::Tiles;
+use lightsheaf::settings::{DEFAULT_BUDGET, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
 
+use super::interrupt::{self, Interrupt};
 use super::output;
 use super::view::{self, ANIMATION, GradeArgs, View, ViewArgs};
 
 /// Most samples between two looks at the clock.
 const ROUND: u64 = 8;
 
-/// Samples of the first picture that another is held against.
-const FIRST_HALF: u64 = 8;
-
 #[derive(clap::Args)]
 pub struct RenderArgs {
     #[command(flatten)]
-    view: ViewArgs,
+    pub view: ViewArgs,
     /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB by --exposure and --tonemap)
     #[arg(short, long, value_name = "OUT.exr|.png")]
     output: PathBuf,
@@ -64,12 +63,14 @@ impl RenderArgs {
     }
 }
 
-/// How a picture came as near to the truth as asked for, or as its budget allowed.
-struct Convergence {
-    /// Its rel_mse, estimated; none where nothing can be said.
-    error: Option<f64>,
-    /// Share of all pixels' samples that was taken.
-    taken: f64,
+/// Why a picture has no more samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Ending {
+    Samples,
+    TargetError,
+    Budget,
+    Interrupt,
 }
 
 /// The file that `--stats` writes.
@@ -85,7 +86,8 @@ struct Stats<'a> {
     /// Of a .png: what it was brightened by, by `--exposure auto` too, and its tone curve.
     exposure_stops: Option<f32>,
     tonemap: Option<Tonemap>,
-    /// With `--target-error`: rel_mse as the picture's first half tells it.
+    ended_by: Ending,
+    /// With `--target-error`, also by default: the picture's estimated rel_mse.
     estimated_error: Option<f64>,
     /// With `--target-error`: share of all pixels' samples that was taken; settled tiles take no more.
     taken: Option<f64>,
@@ -141,7 +143,13 @@ struct Demand {
 }
 
 /// Renders and writes what was asked for.
-pub fn run(args: &RenderArgs) -> Result<()> {
+pub fn run(args: &RenderArgs) -> Result<ExitCode> {
+    let interrupt = Interrupt::install(args.quiet)?;
+    render(args, &interrupt)?;
+    Ok(if interrupt.requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::SUCCESS })
+}
+
+fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
     let method = args.view.settings.method;
     check_outputs(args)?;
     let (grade, frames) = (OnceCell::new(), frames(args)?);
@@ -157,7 +165,7 @@ pub fn run(args: &RenderArgs) -> Result<()> {
         let began = Instant::now();
         let gpu = open(method, args.check_values)?;
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let job = Job { args, grade: &grade, load, began, scene, settings, animations, frame: None, all: 1 };
+        let job = Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: None, all: 1 };
         return job.run(gpu.as_ref(), &mut None);
     }
     let (loaded, mut settings) = args.view.open()?;
@@ -170,6 +178,9 @@ pub fn run(args: &RenderArgs) -> Result<()> {
     let gpu = open(method, args.check_values)?;
     let (mut engine, mut scene, all) = (None, first, frames.len());
     for (n, &frame) in frames.iter().enumerate() {
+        if n > 0 && interrupt.requested() {
+            break;
+        }
         if n > 0 {
             let posing = Instant::now();
             scene = args.view.complete(args.view.at("--frames", &loaded, frame.seconds)?, &mut settings)?;
@@ -177,7 +188,8 @@ pub fn run(args: &RenderArgs) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let job = Job { args, grade: &grade, load, began, scene, settings, animations, frame: Some(frame), all };
+        let job =
+            Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: Some(frame), all };
         job.run(gpu.as_ref(), &mut engine)?;
     }
     Ok(())
@@ -246,6 +258,7 @@ fn check_strategy_images(folder: &Path, settings: &Settings) -> Result<()> {
 
 struct Job<'a> {
     args: &'a RenderArgs,
+    interrupt: &'a Interrupt,
     /// How .png files are written, once the first picture has said its exposure: with --frames, the others keep it.
     grade: &'a OnceCell<Grade>,
     load: f64,
@@ -279,7 +292,7 @@ impl Job<'_> {
     }
 
     fn raster(&self, gpu: &Gpu, renderer: &mut Renderer) -> Result<()> {
-        let (film, stats) = self.progressive(gpu, renderer)?;
+        let (film, stats) = self.progressive(Some(gpu), renderer)?;
         let plan = renderer.plan();
         let wanted = renderer.stats().demands;
         let demands = wanted.iter().zip(plan.views()).enumerate();
@@ -300,70 +313,114 @@ impl Job<'_> {
         self.strategy_images(&mut |only| {
             let settings = Settings { only: Some(only), ..self.settings.clone() };
             let mut renderer = Renderer::new(gpu, self.scene, &settings)?;
-            renderer.render(samples, &mut |_| true)?;
+            renderer.render(samples, &mut |_| !self.interrupt.requested())?;
             renderer.film()
         })
     }
 
     fn paths(&self, gpu: &Gpu, renderer: &mut PathRenderer) -> Result<()> {
-        let (film, stats) = self.progressive(gpu, renderer)?;
+        let (film, stats) = self.progressive(Some(gpu), renderer)?;
         let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
         let samples = stats.samples;
         self.finish(&film, stats)?;
         self.strategy_images(&mut |only| {
             renderer.count_only(Some(only));
-            renderer.render(samples, &mut |_| true)?;
+            renderer.render(samples, &mut |_| !self.interrupt.requested())?;
             renderer.film()
         })
     }
 
-    /// Writes the image of each strategy that the method has.
+    /// Writes the image of each strategy that the method has, with as many samples as the picture; none after a signal.
     fn strategy_images(&self, render: &mut dyn FnMut(OnlyStrategy) -> Result<Film, RenderError>) -> Result<()> {
         let Some(folder) = &self.args.strategy_images else { return Ok(()) };
         let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
         let all: Vec<_> = all.filter(|only| self.settings.method.has_strategy(only.s, only.t)).collect();
         let bar = self.bar(all.len() as u64);
         for only in all {
+            if self.interrupt.requested() {
+                break;
+            }
             bar.set_message(only.name());
-            render(only)?.save(folder.join(only.name()).with_extension("exr"))?;
+            let film = render(only)?;
+            if !self.interrupt.requested() {
+                film.save(folder.join(only.name()).with_extension("exr"))?;
+            }
             bar.inc(1);
         }
         bar.finish_and_clear();
         Ok(())
     }
 
-    /// Renders as many samples as asked for, or as the budget allows.
-    fn progressive(&self, gpu: &Gpu, renderer: &mut dyn Progressive) -> Result<(Film, Stats<'_>), RenderError> {
+    /// Renders as many samples as asked for, as the budget allows or as the error takes, or until a signal comes.
+    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Progressive) -> Result<(Film, Stats<'_>), RenderError> {
         let setup = self.began.elapsed().as_secs_f64();
+        self.interrupt.begin();
+        let Settings { width, height, target_error, budget, .. } = *self.settings;
         let began = Instant::now();
         let bar = self.bar(self.settings.samples.into());
-        let mut converged = None;
-        match (self.settings.target_error, self.settings.budget) {
-            (Some(target), _) => converged = Some(self.converge(renderer, target, &bar)?),
-            (None, None) => renderer.render(self.settings.samples.into(), &mut |samples| {
-                bar.set_position(samples);
-                true
-            })?,
-            (None, Some(seconds)) => {
-                let clock = Clock::new(seconds);
-                let mut samples = 0;
-                while let Some(round) = clock.next_round(samples, ROUND) {
-                    renderer.render(round, &mut |_| true)?;
-                    samples += round;
-                    show_budget(&bar, clock.began, samples);
+        let settles = renderer.settles() && self.args.strategy_images.is_none();
+        let clock = budget.map(Clock::new);
+        let end = match (target_error, &clock) {
+            (None, None) => self.settings.samples.into(),
+            _ => (*SAMPLES.end()).into(),
+        };
+        let mut convergence = target_error.map(|target| (target, Convergence::new(width, height)));
+        // A picture that is filtered frame by frame goes on from the one before.
+        let first = renderer.stats().samples;
+        let (mut samples, mut taken) = (0, 0);
+        let (film, ended_by) = loop {
+            let goal = convergence.as_ref().map_or(end, |(_, convergence)| convergence.next_look().min(end));
+            let mut ended = None;
+            while samples < goal && ended.is_none() {
+                let most = goal - samples;
+                let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most.min(ROUND)));
+                let Some(round) = round else {
+                    ended = Some(Ending::Budget);
+                    break;
+                };
+                let before = samples;
+                renderer.render(round, &mut |all| {
+                    samples = all - first;
+                    self.show_samples(&bar, samples, began);
+                    !self.interrupt.requested()
+                })?;
+                let pixels = convergence.as_ref().map_or(0, |(_, convergence)| convergence.tiles().running_pixels());
+                taken += (samples - before) * pixels;
+                if samples < end && self.interrupt.requested() {
+                    ended = Some(Ending::Interrupt);
                 }
             }
-        }
-        let film = renderer.film()?;
-        let non_finite_after = gpu.non_finite.counts(gpu)?;
+            let film = renderer.film()?;
+            let mut found = (samples >= end).then_some(Ending::Samples).or(ended);
+            if let Some((target, convergence)) = &mut convergence {
+                let error = convergence.look(samples, &film, renderer.bias_films()?.as_ref());
+                if error.is_some_and(|error| error <= *target) {
+                    found = found.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
+                }
+                if let (true, None) = (settles, found) {
+                    convergence.settle(*target);
+                    renderer.settle(convergence.tiles().settled())?;
+                }
+                if let Some(error) = error {
+                    bar.set_message(format!("{error:.2e}"));
+                }
+            }
+            if let Some(ending) = found {
+                break (film, ending);
+            }
+        };
+        let non_finite_after = gpu.map_or(Ok(Vec::new()), |gpu| gpu.non_finite.counts(gpu))?;
         bar.finish_and_clear();
         let render = began.elapsed().as_secs_f64();
+        let all = samples * u64::from(width) * u64::from(height);
         let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } = renderer.stats();
+        let cpu = || format!("CPU, {} threads", rayon::current_num_threads());
         let stats = Stats {
-            device: gpu.capabilities.adapter.clone(),
+            device: gpu.map_or_else(cpu, |gpu| gpu.capabilities.adapter.clone()),
             samples,
-            estimated_error: converged.as_ref().and_then(|converged| converged.error),
-            taken: converged.map(|converged| converged.taken),
+            ended_by,
+            estimated_error: convergence.as_ref().and_then(|(_, convergence)| convergence.error()),
+            taken: convergence.map(|_| taken as f64 / all.max(1) as f64),
             seconds: Seconds { load: self.load, setup, render },
             bytes,
             scene_bytes,
@@ -377,80 +434,24 @@ impl Job<'_> {
         Ok((film, stats))
     }
 
-    /// Doubles the samples until the picture is as near to the truth as asked for, or the budget is used. Tiles that settle take no more samples, but where strategies are to add up to the picture.
-    fn converge(
-        &self,
-        renderer: &mut dyn Progressive,
-        target: f64,
-        bar: &ProgressBar,
-    ) -> Result<Convergence, RenderError> {
-        let Settings { width, height, .. } = *self.settings;
-        let settles = renderer.settles() && self.args.strategy_images.is_none();
-        let clock = self.settings.budget.map(Clock::new);
-        let mut tiles = Tiles::new(width, height);
-        let (mut samples, mut taken, mut half, mut error) = (0, 0, None, None);
-        let mut end = FIRST_HALF;
-        'doubling: while end <= (*SAMPLES.end()).into() {
-            while samples < end {
-                let most = ROUND.min(end - samples);
-                let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most));
-                let Some(round) = round else { break 'doubling };
-                renderer.render(round, &mut |_| true)?;
-                samples += round;
-                taken += round * tiles.running_pixels();
-                bar.set_position(samples);
-            }
-            let whole = renderer.film()?;
-            error = half.and_then(|half| tiles.look(&half, &whole).ok());
-            if error.is_some_and(|error| error <= target) {
-                break;
-            }
-            if settles {
-                tiles.settle(target);
-                renderer.settle(tiles.settled())?;
-            }
-            if let Some(error) = error {
-                let running = tiles.running();
-                bar.set_message(format!("{error:.2e}, {running} of {} tiles not settled", tiles.settled().len()));
-            }
-            (half, end) = (Some(whole), 2 * end);
+    fn show_samples(&self, bar: &ProgressBar, samples: u64, began: Instant) {
+        if self.settings.budget.is_some() && self.settings.target_error.is_none() {
+            bar.set_position(began.elapsed().as_millis() as u64);
+            bar.set_message(format!("{samples} samples"));
+        } else {
+            bar.set_position(samples);
         }
-        let all = samples * u64::from(width) * u64::from(height);
-        Ok(Convergence { error, taken: taken as f64 / all.max(1) as f64 })
     }
 
     fn reference(&self) -> Result<()> {
-        let reference = Reference::new(self.scene);
-        let setup = self.began.elapsed().as_secs_f64();
-
-        let began = Instant::now();
         let Settings { width, height, samples, seed, camera, .. } = *self.settings;
         let bounces = Some(self.settings.bounces).filter(|&b| b != UNLIMITED);
         let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
-        let bar = self.bar(u64::from(width) * u64::from(height));
-        let (film, samples, non_finite, rays) = match self.settings.budget {
-            None => {
-                bar.set_message(format!("{samples} samples per pixel"));
-                let output = reference.render(&settings, &|pixels, _| bar.set_position(pixels));
-                (output.film, samples.into(), output.non_finite, output.rays)
-            }
-            Some(seconds) => {
-                let rounds = render_rounds(&reference, settings, seconds, &bar);
-                (rounds.film(), rounds.samples().into(), rounds.non_finite, rounds.rays)
-            }
-        };
-        bar.finish_and_clear();
-        let render = began.elapsed().as_secs_f64();
-
-        let stats = Stats {
-            device: format!("CPU, {} threads", rayon::current_num_threads()),
-            samples,
-            seconds: Seconds { load: self.load, setup, render },
-            non_finite,
-            rays,
-            ..self.empty_stats()
-        };
-        self.finish(&film, stats)
+        let reference = Reference::new(self.scene);
+        let rounds = Rounds::new(settings);
+        let mut renderer = ReferenceRenderer { reference, settings, rounds, batch_size: BatchSize::default() };
+        let (film, stats) = self.progressive(None, &mut renderer)?;
+        self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats })
     }
 
     fn empty_stats(&self) -> Stats<'_> {
@@ -463,6 +464,7 @@ impl Job<'_> {
             samples: 0,
             exposure_stops: None,
             tonemap: None,
+            ended_by: Ending::Samples,
             estimated_error: None,
             taken: None,
             seconds: Seconds::default(),
@@ -489,13 +491,12 @@ impl Job<'_> {
         if self.args.quiet {
             return ProgressBar::hidden();
         }
-        let (total, template) = match (self.settings.budget, self.settings.method) {
-            _ if self.settings.target_error.is_some() => (0, "{prefix}{pos} samples, {elapsed}, rel_mse {msg}"),
-            (Some(seconds), _) => ((seconds * 1000.0) as u64, "{prefix}{bar:40} {msg}, {elapsed} of the budget"),
-            (None, Method::Raster | Method::Twin | Method::RayQuery | Method::Path) => {
-                (total, "{prefix}{bar:40} {pos}/{len} samples, {per_sec}, {eta} left")
+        let (total, template) = match self.settings.budget {
+            _ if self.settings.target_error.is_some() => {
+                (0, "{prefix}{pos} samples, {elapsed}, estimated rel_mse {msg}")
             }
-            (None, Method::Reference) => (total, "{prefix}{bar:40} {percent} % of the pixels, {msg}, {eta} left"),
+            Some(seconds) => ((seconds * 1000.0) as u64, "{prefix}{bar:40} {msg}, {elapsed} of the budget"),
+            None => (total, "{prefix}{bar:40} {pos}/{len} samples, {per_sec}, {eta} left"),
         };
         let bar = ProgressBar::new(total);
         if let Some(frame) = self.frame {
@@ -503,6 +504,25 @@ impl Job<'_> {
         }
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
         bar
+    }
+
+    /// Why the picture has the samples that it has, for the closing line.
+    fn outcome(&self, stats: &Stats) -> String {
+        let samples = format!("{} {}", stats.samples, if stats.samples == 1 { "sample" } else { "samples" });
+        let reached = stats.estimated_error.map(|error| format!(" at an estimated rel_mse of {}", two_digits(error)));
+        match (stats.ended_by, stats.estimated_error) {
+            (Ending::Interrupt, _) => format!("interrupted after {samples}{}", reached.unwrap_or_default()),
+            (Ending::TargetError, Some(error)) => format!("estimated rel_mse {} after {samples}", two_digits(error)),
+            (Ending::Budget, _) if self.settings.target_error.is_some() => {
+                let time = match self.settings.budget {
+                    Some(DEFAULT_BUDGET) => "five minutes".to_owned(),
+                    seconds => format!("{} s", seconds.unwrap_or_default()),
+                };
+                let reached = reached.unwrap_or_else(|| " with too few samples for an estimate".to_owned());
+                format!("stopped after {time}{reached}, {samples}")
+            }
+            _ => samples,
+        }
     }
 
     fn finish(&self, film: &Film, mut stats: Stats) -> Result<()> {
@@ -533,17 +553,26 @@ impl Job<'_> {
                 Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {tonemap}"),
             };
             eprintln!(
-                "{}: {}x{}, {} samples by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
+                "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
                 path.display(),
                 film.width,
                 film.height,
-                stats.samples,
+                self.outcome(&stats),
                 stats.method,
                 stats.device
             );
         }
         Ok(())
     }
+}
+
+/// A number with two digits that count: 0.0028.
+fn two_digits(value: f64) -> String {
+    if !value.is_finite() || value <= 0.0 {
+        return value.to_string();
+    }
+    let places = (1 - value.log10().floor() as i32).clamp(0, 12) as usize;
+    format!("{value:.places$}")
 }
 
 /// The file of a frame: `out.exr` becomes `out_0007.exr`.
@@ -554,21 +583,50 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Rounds of the reference until the time is used.
-fn render_rounds(reference: &Reference, settings: ReferenceSettings, seconds: f64, bar: &ProgressBar) -> Rounds {
-    let clock = Clock::new(seconds);
-    let mut rounds = Rounds::new(settings);
-    // Each round at most doubles what there is: early rounds show the rate, and sums of powers of two are stratified well.
-    while let Some(round) = clock.next_round(rounds.samples().into(), rounds.samples().max(1).into()) {
-        let samples = rounds.samples().into();
-        rounds.add(reference, 1 << round.ilog2(), &|_, _| show_budget(bar, clock.began, samples));
-    }
-    rounds
+/// The reference as what renders a picture bit by bit.
+struct ReferenceRenderer<'s> {
+    reference: Reference<'s>,
+    settings: ReferenceSettings,
+    rounds: Rounds,
+    batch_size: BatchSize,
 }
 
-fn show_budget(bar: &ProgressBar, began: Instant, samples: u64) {
-    bar.set_position(began.elapsed().as_millis() as u64);
-    bar.set_message(format!("{samples} samples"));
+impl Progressive for ReferenceRenderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = u64::from(self.rounds.samples()) + samples;
+        while u64::from(self.rounds.samples()) < end {
+            let count = self.batch_size.next(end - u64::from(self.rounds.samples()));
+            let began = Instant::now();
+            self.rounds.add(&self.reference, count as u32, &|_, _| ());
+            self.batch_size.record(count, began.elapsed());
+            if !progress(self.rounds.samples().into()) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn restart(&mut self, seed: u32) {
+        self.settings.seed = seed;
+        self.rounds = Rounds::new(self.settings);
+    }
+
+    fn settle(&mut self, _: &[bool]) -> Result<(), RenderError> {
+        Err(RenderError::Setting("the reference has no tiles that settle".to_owned()))
+    }
+
+    fn settles(&self) -> bool {
+        false
+    }
+
+    fn film(&self) -> Result<Film, RenderError> {
+        Ok(self.rounds.film())
+    }
+
+    fn stats(&self) -> RenderStats {
+        let non_finite = self.rounds.non_finite;
+        RenderStats { samples: self.rounds.samples().into(), non_finite, ..RenderStats::default() }
+    }
 }
 
 /// Deals out a budget.
@@ -608,6 +666,13 @@ mod tests {
         let used = Clock { began: Instant::now(), budget: Duration::ZERO };
         assert_eq!(used.next_round(0, 8), Some(1));
         assert_eq!(used.next_round(1, 8), None);
+    }
+
+    #[test]
+    fn errors_have_two_digits() {
+        for (value, text) in [(0.002_84, "0.0028"), (0.012, "0.012"), (1.0, "1.0"), (34.56, "35"), (0.0, "0")] {
+            assert_eq!(two_digits(value), text);
+        }
     }
 
     #[test]

@@ -124,32 +124,33 @@ impl<'s> Reference<'s> {
     /// If the scene has no camera of that index.
     #[must_use]
     pub fn render(&self, settings: &ReferenceSettings, progress: &(dyn Fn(u64, u64) + Sync)) -> ReferenceOutput {
-        self.render_range(settings, 0..settings.samples, progress)
+        let mut rounds = Rounds::new(*settings);
+        rounds.add(self, settings.samples, progress);
+        ReferenceOutput { film: rounds.film(), non_finite: rounds.non_finite, rays: rounds.rays }
     }
 
-    /// As [`Self::render`], with these samples of each pixel's sequence in place of `settings.samples` from its start.
-    ///
-    /// # Panics
-    /// If the scene has no camera of that index.
-    #[must_use]
-    pub fn render_range(
+    /// Adds these samples of each pixel's sequence to the pixel's sum, one after the other. Returns how many were not finite, and the
+    /// rays traced. Panics if the scene has no camera of that index.
+    fn add_range(
         &self,
         settings: &ReferenceSettings,
-        samples: Range<u32>,
+        samples: &Range<u32>,
+        sums: &mut [[f64; 3]],
         progress: &(dyn Fn(u64, u64) + Sync),
-    ) -> ReferenceOutput {
+    ) -> [u64; 2] {
         let ReferenceSettings { width, height, .. } = *settings;
         let rays = self.rays(settings);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let total = u64::from(width) * u64::from(height);
         let done = AtomicU64::new(0);
+        let before = &*sums;
         let tile = |index: u32| {
             let (x0, y0) = (index % columns * TILE, index / columns * TILE);
             let (x1, y1) = ((x0 + TILE).min(width), (y0 + TILE).min(height));
             let mut tile = Tile { pixels: Vec::with_capacity((TILE * TILE) as usize), non_finite: 0, rays: 0 };
             for y in y0..y1 {
                 for x in x0..x1 {
-                    let mut sum = [0.0_f64; 3];
+                    let mut sum = before[(y * width + x) as usize];
                     for sample in samples.clone() {
                         let mut sampler = Sampler::new(settings.seed, y * width + x, sample);
                         let at = Vec2::new(x as f32, y as f32) + sampler.pair();
@@ -159,7 +160,7 @@ impl<'s> Reference<'s> {
                         tile.rays += u64::from(path.rays);
                         (0..3).for_each(|c| sum[c] += f64::from(path.radiance[c]));
                     }
-                    tile.pixels.push(sum.map(|s| (s / samples.len() as f64) as f32));
+                    tile.pixels.push(sum);
                 }
             }
             let pixels = tile.pixels.len() as u64;
@@ -167,18 +168,17 @@ impl<'s> Reference<'s> {
             tile
         };
         let tiles: Vec<Tile> = (0..columns * rows).into_par_iter().with_max_len(1).map(tile).collect();
-        let mut output = ReferenceOutput { film: Film::new(width, height), non_finite: 0, rays: 0 };
+        let mut counts = [0; 2];
         for (index, tile) in (0..).zip(&tiles) {
             let (x0, y0) = (index % columns * TILE, index / columns * TILE);
             let across = TILE.min(width - x0) as usize;
             for (y, row) in (y0..).zip(tile.pixels.chunks_exact(across)) {
                 let start = y as usize * width as usize + x0 as usize;
-                output.film.pixels[start..start + across].copy_from_slice(row);
+                sums[start..start + across].copy_from_slice(row);
             }
-            output.non_finite += tile.non_finite;
-            output.rays += tile.rays;
+            counts = [counts[0] + tile.non_finite, counts[1] + tile.rays];
         }
-        output
+        counts
     }
 
     /// What a ray meets first, alpha masks cut out, leaving out the triangle that it starts on. The direction need not have
@@ -234,7 +234,8 @@ impl<'s> Reference<'s> {
 }
 
 struct Tile {
-    pixels: Vec<[f32; 3]>,
+    /// Sums over the samples.
+    pixels: Vec<[f64; 3]>,
     non_finite: u64,
     rays: u64,
 }

@@ -1,0 +1,188 @@
+//! Ctrl-C and SIGTERM: `render` writes the picture that it has and ends with code 130, the second signal ends it at once.
+//!
+//! `INTERRUPTIONS=50 cargo test --test interrupt` interrupts so many renders instead of a few.
+#![cfg(unix)]
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use lightsheaf::film::Film;
+use serde_json::Value;
+
+mod common;
+
+/// Renders that are interrupted; each has its turn of the cases.
+const INTERRUPTIONS: u64 = 10;
+
+/// Time in which an interrupted render of this size has to end, on a machine that does other work too.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What is interrupted: none of it ends by itself within the test.
+const CASES: [&[&str]; 8] = [
+    &["builtin:cornell_point", "--method", "raster", "--samples", "16000000"],
+    &["builtin:cornell_area", "--method", "reference", "--samples", "16000000"],
+    &["builtin:cornell_glossy", "--method", "path", "--budget", "5000"],
+    &["builtin:cornell_env", "--method", "twin", "--target-error", "1e-8"],
+    &["builtin:cornell_glossy", "--method", "ray-query", "--samples", "16000000"],
+    &["builtin:point_hall:40", "--method", "raster", "--target-error", "1e-8", "--budget", "5000"],
+    &["builtin:cornell_point", "--method", "raster", "--samples", "16000000", "--interleave", "2"],
+    &["builtin:cornell_point", "--method", "reference", "--target-error", "1e-8"],
+];
+
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("lightsheaf-interrupt-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).to_str().unwrap().to_owned()
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.0).unwrap();
+        let mut files: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        files.sort();
+        files
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Starts a render and waits until it handles signals.
+fn start(arguments: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsheaf"));
+    command.arg("render").args(arguments).env_remove("RUST_LOG").stderr(Stdio::piped());
+    let child = command.spawn().unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    if !Path::new("/proc/self/status").exists() {
+        sleep(Duration::from_millis(500));
+        return child;
+    }
+    // Bits of the signals that have a handler: SIGINT is 2, SIGTERM 15.
+    let handles = |text: &str| {
+        let mask = text.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap_or_default();
+        u64::from_str_radix(mask.trim(), 16).unwrap_or_default() & 0x4002 == 0x4002
+    };
+    let began = Instant::now();
+    while !handles(&std::fs::read_to_string(&status).unwrap_or_default()) {
+        assert!(began.elapsed() < PATIENCE, "signals are not handled");
+        sleep(Duration::from_millis(1));
+    }
+    sleep(Duration::from_millis(5));
+    child
+}
+
+fn send(child: &Child, signal: &str) {
+    assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
+}
+
+/// How a render ended, and its stderr. One that does not end is killed.
+fn wait(mut child: Child) -> (ExitStatus, String) {
+    let began = Instant::now();
+    let status = loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            break status;
+        }
+        if began.elapsed() > PATIENCE {
+            child.kill().unwrap();
+            child.wait().unwrap();
+            panic!("it goes on after the signal");
+        }
+        sleep(Duration::from_millis(10));
+    };
+    let mut text = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+    (status, text)
+}
+
+/// Holds a picture and its statistics against what an interrupted render has to leave. Returns the number of samples.
+fn check(folder: &Folder, out: &str, text: &str) -> u64 {
+    let stats: Value = serde_json::from_str(&std::fs::read_to_string(folder.path("stats.json")).unwrap()).unwrap();
+    let samples = stats["samples"].as_u64().unwrap();
+    assert!(samples >= 1 && stats["ended_by"] == "interrupt", "{stats}");
+    let closing = text.lines().last().unwrap_or_default();
+    let unit = if samples == 1 { "sample" } else { "samples" };
+    assert!(closing.contains(&format!("interrupted after {samples} {unit}")), "{text}");
+    let film = Film::load(Path::new(out)).unwrap();
+    assert_eq!((film.width, film.height, film.non_finite()), (64, 48, 0));
+    assert!(film.pixels.iter().flatten().any(|&value| value > 0.0), "a black picture");
+    samples
+}
+
+#[test]
+fn an_interrupted_render_writes_what_it_has() {
+    if common::gpu().is_none() || common::gpu_with_ray_queries().is_none() {
+        return;
+    }
+    let count = std::env::var("INTERRUPTIONS").map_or(INTERRUPTIONS, |count| count.parse().unwrap());
+    assert!(count >= CASES.len() as u64);
+    // A linear congruential generator: the same times in every run.
+    let mut random = 1_u64;
+    let (mut few, mut many) = (0, 0);
+    for (n, case) in (0..count).zip(CASES.iter().cycle()) {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        // During set-up as well as during the first batches.
+        let delay = Duration::from_millis((random >> 33) % 4000);
+        let folder = Folder::new("render");
+        let out = folder.path(if n % 2 == 0 { "out.exr" } else { "out.png" });
+        let json = folder.path("stats.json");
+        let child = start(&[case, &["-o", &out, "--stats", &json, "--size", "64x48"][..]].concat());
+        sleep(delay);
+        let sent = Instant::now();
+        send(&child, "-INT");
+        let (status, text) = wait(child);
+        assert_eq!(status.code(), Some(130), "{case:?} after {delay:?}: {text}");
+        let samples = check(&folder, &out, &text);
+        assert_eq!(folder.files().len(), 2, "nothing else is left: {:?}", folder.files());
+        println!("{delay:>8.1?} {samples:>6} samples, ended after {:>8.1?}: {}", sent.elapsed(), case[0..3].join(" "));
+        if samples == 1 { few += 1 } else { many += 1 }
+    }
+    println!("{few} ended after the first sample, {many} later");
+}
+
+#[test]
+fn the_frame_that_is_begun_is_the_last() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("frames");
+    let (out, json) = (folder.path("out.exr"), folder.path("stats.json"));
+    let frames = ["--frames", "3..9", "--fps", "10", "--samples", "16000000"];
+    let child = start(&[&["builtin:sea", "-o", &out, "--stats", &json, "--size", "64x48"], &frames[..]].concat());
+    sleep(Duration::from_millis(1500));
+    send(&child, "-TERM");
+    let (status, text) = wait(child);
+    assert_eq!(status.code(), Some(130), "{text}");
+    assert_eq!(folder.files(), ["out_0003.exr", "stats_0003.json"], "{text}");
+    std::fs::rename(folder.path("stats_0003.json"), &json).unwrap();
+    check(&folder, &folder.path("out_0003.exr"), &text);
+}
+
+#[test]
+fn a_second_signal_ends_at_once() {
+    let folder = Folder::new("twice");
+    let out = folder.path("out.exr");
+    // One sample of this size takes long.
+    let size = ["--size", "8000x8000", "--method", "reference", "--samples", "100"];
+    let child = start(&[&["builtin:cornell_area", "-o", &out], &size[..]].concat());
+    sleep(Duration::from_millis(300));
+    send(&child, "-INT");
+    sleep(Duration::from_millis(300));
+    send(&child, "-TERM");
+    let sent = Instant::now();
+    let (status, text) = wait(child);
+    assert_eq!(status.code(), Some(130), "{text}");
+    assert!(sent.elapsed() < Duration::from_secs(20), "{:?}", sent.elapsed());
+    assert_eq!(folder.files(), Vec::<String>::new(), "{text}");
+}
