@@ -1,19 +1,22 @@
 //! Estimates the rel_mse of a picture that grows, from pictures of its first samples (`--target-error`).
 //!
-//! E(n) is the error of the mean of n samples, D(a, b) the difference between those of a and b. For independent samples D(a, b) is
-//! E(a) - E(b) in the mean, and E(n) falls as 1 / n. Samples of a scrambled sequence, as raster and the reference have, do better: as
-//! n^-p, with p = 1.3 in the mean of the scenes that were measured. Each pair of pictures then says
+//! E(n) is the error of the mean of n samples, D(a, b) the difference between those of a and b. For
+//! independent samples D(a, b) is E(a) - E(b) in the mean, and E(n) falls as 1 / n. Samples of a scrambled
+//! sequence, as raster and the reference have, do better: as n^-p, with p = 1.3 in the mean of the scenes
+//! that were measured. Each pair of pictures then says
 //!
 //!   E(n) = D(a, b) / ((n / a)^p - (n / b)^p).
 //!
-//! One pair may be wrong by a factor of three where all pixels share their light subpaths. The estimate is the geometric mean over the
-//! pairs of the latest looks. It knows no error that all of a picture's samples share, such as a bias.
+//! One pair may be wrong by a factor of three where all pixels share their light subpaths. The estimate is
+//! the geometric mean over the pairs of the latest looks. It knows no error that all of a picture's samples
+//! share, such as a bias.
 //!
-//! The bias of the filter of interleaved pictures is estimated apart, with F the picture, U the same samples unfiltered, T filtered twice.
-//! F - U has the bias b in the mean and the noise of U. Of two sets of samples these noises have little in common, so that the product of
-//! the two F - U is b^2 in the mean, but noisy. T - F is what the filter takes away from F: like b, with little noise, and smaller, since
-//! F is smooth already. b^2 is taken to be the product, but at least n and at most 3/4 n^2 times (T - F)^2, with n the side of the filter's
-//! square: measured with 2 and 4 in seven scenes.
+//! The bias of the filter of interleaved pictures is estimated apart, with F the picture, U the same samples
+//! unfiltered, T filtered twice. F - U has the bias b in the mean and the noise of U. Of two sets of samples
+//! these noises have little in common, so that the product of the two F - U is b^2 in the mean, but noisy.
+//! What the filter takes away from F, T - F, is like b, with little noise, and smaller, since F is smooth
+//! already. b^2 is taken to be the product, but at least n and at most 3/4 n^2 times (T - F)^2, with n the
+//! side of the filter's square: measured with 2 and 4 in seven scenes.
 
 use std::collections::VecDeque;
 
@@ -97,9 +100,9 @@ impl Convergence {
         (FIRST * STEP.powi(self.looks as i32)).round() as u64
     }
 
-    /// Learns from the picture of so many samples. Returns its rel_mse, estimated; none where too little is known or its values are not
-    /// finite. Pictures may also come before [`Self::next_look`], from a render that is ended. `bias` are
-    /// [`crate::renderer::Progressive::bias_films`].
+    /// Learns from the picture of so many samples. Returns its rel_mse, estimated; none where too little is
+    /// known or its values are not finite. Pictures may also come before [`Self::next_look`], from a render
+    /// that is ended. `bias` are [`crate::renderer::Progressive::bias_films`].
     pub fn look(&mut self, samples: u64, film: &Film, bias: Option<&BiasFilms>) -> Option<f64> {
         let last = self.films.back().map_or(0, |(samples, _)| *samples);
         if samples <= last {
@@ -235,7 +238,8 @@ mod tests {
         assert_eq!(looks, [4, 6, 8, 11, 16, 23, 32, 45, 64, 91]);
     }
 
-    /// Independent samples are the worst case: the estimate is at most 1 / (2^p - 1) and a little lower than the truth.
+    /// Independent samples are the worst case: the estimate is at most 1 / (2^p - 1) and a little lower than
+    /// the truth.
     #[test]
     fn independent_samples_are_estimated_within_a_factor() {
         let mut convergence = Convergence::new(64, 64);
@@ -260,7 +264,8 @@ mod tests {
         assert!(holes.is_none_or(f64::is_nan), "{holes:?}");
     }
 
-    /// A picture that is too bright by 0.1 in all its samples: the filter's work, as its unfiltered samples show.
+    /// A picture that is too bright by 0.1 in all its samples: the filter's work, as its unfiltered samples
+    /// show.
     #[test]
     fn what_the_filter_adds_is_an_error() {
         let estimate = |twice: f64, noisy: f64| {

@@ -42,7 +42,8 @@
 //! Each vertex found is joined with each vertex of the light subpath, light that a bundle runs into is added, and every path
 //! is weighted against all other strategies that could have made it (multiple importance sampling, section 4.2).
 //! [`passes::accumulate`] adds the iteration to the film. Where an error is asked for, [`convergence`]
-//! estimates that of the picture, and parts that are near enough to the truth take no more of them ([`tiles`]).
+//! estimates that of the picture, and parts that are near enough to the truth take no more of them
+//! ([`tiles`]).
 //!
 //! # Few samples
 //!

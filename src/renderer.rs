@@ -34,7 +34,8 @@ pub struct BatchSize {
 }
 
 impl BatchSize {
-    /// Samples that take half a second at the rate of the last batch: at least 1, at most `most` and twice the last batch.
+    /// Samples that take half a second at the rate of the last batch: at least 1, at most `most` and twice
+    /// the last batch.
     #[must_use]
     pub fn next(&self, most: u64) -> u64 {
         let fit = BATCH_SECONDS * self.samples as f64 / self.seconds.max(1e-9);
@@ -304,8 +305,8 @@ impl<'gpu> Renderer<'gpu> {
         &self.plan
     }
 
-    /// Runs some iterations until all of them are in the film, in this order: where one ran out of room, the later ones wait for it,
-    /// so that the sums round alike however many iterations a batch has.
+    /// Runs some iterations until all of them are in the film, in this order: where one ran out of room, the
+    /// later ones wait for it, so that the sums round alike however many iterations a batch has.
     fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
         loop {
             for (index, &iteration) in iterations.iter().enumerate() {

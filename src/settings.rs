@@ -53,7 +53,8 @@ pub const TARGETS: RangeInclusive<f64> = 1e-8..=1.0;
 /// Seconds of a budget: up to a week.
 pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 
-/// Estimated rel_mse at which a render ends that was given no samples, budget or error: little noise is seen at it.
+/// Estimated rel_mse at which a render ends that was given no samples, budget or error: little noise is seen
+/// at it.
 pub const DEFAULT_TARGET_ERROR: f64 = 0.003;
 
 /// Seconds after which such a render ends at the latest.
@@ -242,14 +243,15 @@ pub struct Settings {
     /// Rows of the image.
     #[arg(skip = Self::default().height)]
     pub height: u32,
-    /// Iterations (raster, twin) or paths per pixel (all others) [default: as many as an estimated rel_mse of 0.003 takes, or five
-    /// minutes]
+    /// Iterations (raster, twin) or paths per pixel (all others) [default: as many as an estimated rel_mse of
+    /// 0.003 takes, or five minutes]
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples, hide_default_value = true)]
     pub samples: u32,
     /// As many samples as this time allows, instead of a number; counted from the first sample on
     #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
     pub budget: Option<f64>,
-    /// As many samples as bring the picture's estimated error down to this rel_mse, or as --budget allows; 1e-8 to 1
+    /// As many samples as bring the picture's estimated error down to this rel_mse, or as --budget allows;
+    /// 1e-8 to 1
     #[arg(long, value_name = "REL_MSE", conflicts_with = "samples", allow_negative_numbers = true)]
     pub target_error: Option<f64>,
     /// Indirect bounces: 0 is direct light only, at most 64; path and the reference also take `unlimited`
@@ -498,7 +500,8 @@ impl Settings {
         self.check_foreign()
     }
 
-    /// Ends at [`DEFAULT_TARGET_ERROR`], or after [`DEFAULT_BUDGET`]: what the program does where no end is asked for.
+    /// Ends at [`DEFAULT_TARGET_ERROR`], or after [`DEFAULT_BUDGET`]: what the program does where no end is
+    /// asked for.
     pub fn end_by_default(&mut self) {
         (self.target_error, self.budget) = (Some(DEFAULT_TARGET_ERROR), Some(DEFAULT_BUDGET));
     }

@@ -1,9 +1,10 @@
 //! Squares of a picture that take no more samples where they are as near to the truth as asked for (`--target-error`).
 //!
-//! What a tile lacks is told by the picture's first half ([`crate::convergence`]). One look may be luck, above all where pixels share their random numbers, and light that
-//! is seldom found is found next door sooner or later; so a tile's error is the larger of what it shows and half of what it showed
-//! when the picture had half as many samples, and a tile settles where that of its neighbours is at most the picture's target, too. It
-//! stays settled, and counts for the picture with that error.
+//! What a tile lacks is told by the picture's first half ([`crate::convergence`]). One look may be luck,
+//! above all where pixels share their random numbers, and light that is seldom found is found next door
+//! sooner or later; so a tile's error is the larger of what it shows and half of what it showed when the
+//! picture had half as many samples, and a tile settles where that of its neighbours is at most the picture's
+//! target, too. It stays settled, and counts for the picture with that error.
 
 use crate::gpu::Gpu;
 use crate::renderer::RenderError;

@@ -516,7 +516,8 @@ fn an_error_that_is_asked_for_is_reached() {
     assert_eq!(render(&["--samples", "2"]).1, None);
 }
 
-/// Without samples, budget and error a picture gets as good as little noise is seen in, also by the reference.
+/// Without samples, budget and error a picture gets as good as little noise is seen in, also by the
+/// reference.
 #[test]
 fn a_render_without_an_end_has_one() {
     let folder = Folder::new("default-end");

@@ -1,4 +1,5 @@
-//! Ctrl-C and SIGTERM: `render` writes the picture that it has and ends with code 130, the second signal ends it at once.
+//! Ctrl-C and SIGTERM: `render` writes the picture that it has and ends with code 130, the second signal ends
+//! it at once.
 //!
 //! `INTERRUPTIONS=50 cargo test --test interrupt` interrupts so many renders instead of a few.
 #![cfg(unix)]
@@ -106,7 +107,8 @@ fn wait(mut child: Child) -> (ExitStatus, String) {
     (status, text)
 }
 
-/// Holds a picture and its statistics against what an interrupted render has to leave. Returns the number of samples.
+/// Holds a picture and its statistics against what an interrupted render has to leave. Returns the number of
+/// samples.
 fn check(folder: &Folder, out: &str, text: &str) -> u64 {
     let stats: Value = serde_json::from_str(&std::fs::read_to_string(folder.path("stats.json")).unwrap()).unwrap();
     let samples = stats["samples"].as_u64().unwrap();

@@ -1,4 +1,5 @@
-//! Ctrl-C and SIGTERM: the first signal asks `render` to write what it has, the second ends the program at once.
+//! Ctrl-C and SIGTERM: the first signal asks `render` to write what it has, the second ends the program at
+//! once.
 
 use std::io;
 use std::sync::Arc;
@@ -23,7 +24,8 @@ pub struct Interrupt {
 }
 
 impl Interrupt {
-    /// Handles signals from here on. One that comes before [`Self::begin`] is answered with a line on stderr, unless `quiet`.
+    /// Handles signals from here on. One that comes before [`Self::begin`] is answered with a line on stderr,
+    /// unless `quiet`.
     pub fn install(quiet: bool) -> io::Result<Self> {
         let this = Self::default();
         for signal in [SIGINT, SIGTERM] {

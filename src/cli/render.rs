@@ -330,7 +330,8 @@ impl Job<'_> {
         })
     }
 
-    /// Writes the image of each strategy that the method has, with as many samples as the picture; none after a signal.
+    /// Writes the image of each strategy that the method has, with as many samples as the picture; none after
+    /// a signal.
     fn strategy_images(&self, render: &mut dyn FnMut(OnlyStrategy) -> Result<Film, RenderError>) -> Result<()> {
         let Some(folder) = &self.args.strategy_images else { return Ok(()) };
         let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
@@ -351,7 +352,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Renders as many samples as asked for, as the budget allows or as the error takes, or until a signal comes.
+    /// Renders as many samples as asked for, as the budget allows or as the error takes, or until a signal
+    /// comes.
     fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Progressive) -> Result<(Film, Stats<'_>), RenderError> {
         let setup = self.began.elapsed().as_secs_f64();
         self.interrupt.begin();

@@ -129,8 +129,8 @@ impl<'s> Reference<'s> {
         ReferenceOutput { film: rounds.film(), non_finite: rounds.non_finite, rays: rounds.rays }
     }
 
-    /// Adds these samples of each pixel's sequence to the pixel's sum, one after the other. Returns how many were not finite, and the
-    /// rays traced. Panics if the scene has no camera of that index.
+    /// Adds these samples of each pixel's sequence to the pixel's sum, one after the other. Returns how many
+    /// were not finite, and the rays traced. Panics if the scene has no camera of that index.
     fn add_range(
         &self,
         settings: &ReferenceSettings,
