@@ -191,7 +191,7 @@ impl Frame {
             extensions: extensions.collect(),
             list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[visibility, along].concat()))),
             accumulate: Accumulate::new(gpu, &[layered, plan.settle_flags()].concat()),
-            live: plan.is_live().then(|| Live::new(gpu, plan)),
+            live: plan.is_live().then(|| Live::new(gpu, plan, settings.clamp_samples)),
             directions,
             starts: Vec::new(),
             lights_in_views: vec![None; views.len()],

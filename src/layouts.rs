@@ -486,7 +486,7 @@ layouts! {
         odd: u32,
         averages: f32,
         frames: f32,
-        pad: u32,
+        clamped_alpha: f32,
     }
 
     /// What is kept of a surface per pixel; the last two fields only where anything is glossy. The host only needs its size.

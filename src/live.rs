@@ -24,6 +24,10 @@ use crate::passes::outliers::Outliers;
 use crate::passes::temporal::Temporal;
 use crate::plan::FramePlan;
 
+/// GGX width to which the roughness clamp widens narrow lobes of metals at normal incidence, where a lobe holds as many samples as it
+/// should: alpha = sqrt(8 F G / (cos N)) (section 5.2), 0.35 with N = 64 / 16.
+const CLAMPED_ALPHA: f32 = 0.7;
+
 /// What two frames have: this one's and the one's before, which change places.
 struct Pair([wgpu::Buffer; 2]);
 
@@ -64,6 +68,8 @@ struct Bias {
 pub struct Live {
     grid: Grid,
     history: u32,
+    /// Samples that a lobe should hold ([`crate::settings::Settings::clamp_samples`]).
+    clamp_samples: f32,
     /// Frames so far.
     frame: u64,
     /// Frames since anything changed.
@@ -92,7 +98,7 @@ pub struct Live {
 impl Live {
     /// Builds what the plan asks for.
     #[must_use]
-    pub fn new(gpu: &Gpu, plan: &FramePlan) -> Self {
+    pub fn new(gpu: &Gpu, plan: &FramePlan, clamp_samples: f32) -> Self {
         let grid = plan.grid;
         let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
@@ -102,6 +108,7 @@ impl Live {
         Self {
             grid,
             history: plan.history,
+            clamp_samples,
             frame: 0,
             still: 0,
             before: None,
@@ -302,6 +309,7 @@ impl Live {
             // What stands still may converge.
             history: u64::from(self.history).max(self.still + 1) as f32,
             odd: (self.frame % 2) as u32,
+            clamped_alpha: CLAMPED_ALPHA / (self.samples() / self.clamp_samples).sqrt(),
             frames: (self.still + 1) as f32,
             averages: if self.temporal.is_some() { 2.0 } else { 1.0 },
             ..Default::default()

@@ -30,9 +30,9 @@ const ROUND: u64 = 8;
 pub struct RenderArgs {
     #[command(flatten)]
     pub view: ViewArgs,
-    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB by --exposure and --tonemap)
-    #[arg(short, long, value_name = "OUT.exr|.png")]
-    output: PathBuf,
+    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB by --exposure and --tonemap); may be given once for each
+    #[arg(short, long, value_name = "OUT.exr|.png", required = true)]
+    output: Vec<PathBuf>,
     #[command(flatten)]
     grade: GradeArgs,
     /// Write what each strategy (s, t) gives, with its weight by MIS (sS_tT.exr; their sum is the image) and without
@@ -58,8 +58,8 @@ pub struct RenderArgs {
 }
 
 impl RenderArgs {
-    fn is_png(&self) -> bool {
-        self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"))
+    fn writes_png(&self) -> bool {
+        self.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
     }
 }
 
@@ -227,7 +227,9 @@ enum Engine<'gpu> {
 
 /// Everything about the output that can be wrong before there is one.
 fn check_outputs(args: &RenderArgs) -> Result<()> {
-    output::check(&args.output, &["exr", "png"])?;
+    for path in &args.output {
+        output::check(path, &["exr", "png"])?;
+    }
     if args.check_values && args.view.settings.method == Method::Reference {
         bail!("--check-values: the reference has no passes; use any other method");
     }
@@ -236,8 +238,8 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     }
     let GradeArgs { exposure, tonemap } = &args.grade;
     for (option, given) in [("--exposure", exposure.is_some()), ("--tonemap", tonemap.is_some())] {
-        if given && !args.is_png() {
-            bail!("{option}: {} keeps linear radiance; write a .png, or leave it out", args.output.display());
+        if given && !args.writes_png() {
+            bail!("{option}: {} keeps linear radiance; write a .png, or leave it out", args.output[0].display());
         }
     }
     Ok(())
@@ -537,11 +539,13 @@ impl Job<'_> {
             );
         }
         let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
-        let path = named(&self.args.output);
+        let paths: Vec<PathBuf> = self.args.output.iter().map(|path| named(path)).collect();
         let (exposure, tonemap) = self.args.grade.chosen();
         let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(film), tonemap });
-        film.save_graded(&path, grade)?;
-        if self.args.is_png() {
+        for path in &paths {
+            film.save_graded(path, grade)?;
+        }
+        if self.args.writes_png() {
             (stats.exposure_stops, stats.tonemap) = (Some(grade.stops), Some(grade.tonemap));
         }
         if let Some(path) = &self.args.stats {
@@ -550,13 +554,13 @@ impl Job<'_> {
         if !self.args.quiet {
             let Seconds { load, setup, render } = stats.seconds;
             let shown = match exposure {
-                _ if !self.args.is_png() => String::new(),
+                _ if !self.args.writes_png() => String::new(),
                 Exposure::Auto => format!("; exposure {:+.2} stops (auto), {tonemap}", grade.stops),
                 Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {tonemap}"),
             };
             eprintln!(
                 "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
-                path.display(),
+                paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", "),
                 film.width,
                 film.height,
                 self.outcome(&stats),

@@ -31,8 +31,8 @@ const BOXES: [SoftBox; 3] = [
 
 /// Radiance of the room straight above, around, and straight below.
 const CEILING: f32 = 0.8;
-const WALLS: f32 = 0.32;
-const FLOOR: f32 = 0.2;
+const WALLS: f32 = 0.22;
+const FLOOR: f32 = 0.14;
 
 /// The studio as a map; white light, about 1 on a surface that faces the camera.
 #[must_use]
