@@ -312,7 +312,6 @@ impl Live {
             clamped_alpha: CLAMPED_ALPHA / (self.samples() / self.clamp_samples).sqrt(),
             frames: (self.still + 1) as f32,
             averages: if self.temporal.is_some() { 2.0 } else { 1.0 },
-            ..Default::default()
         }
     }
 

@@ -20,7 +20,7 @@ use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::posing::Posing;
 use lightsheaf::renderer::Renderer;
 use lightsheaf::scene::animation::{Curve, Interpolation};
-use lightsheaf::scene::{self, Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
+use lightsheaf::scene::{Emission, Geometry, Instance, Light, Material, Mesh, Projection, Scene};
 use lightsheaf::settings::{Method, Settings};
 use lightsheaf::staging::{self, Staging};
 use serde_json::{Value, json};

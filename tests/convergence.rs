@@ -16,7 +16,7 @@ const TARGETS: [f64; 2] = [0.02, 0.003];
 
 fn settings(seed: u32, interleave: u32) -> Settings {
     let target_error = (interleave > 1).then_some(TARGETS[0]);
-    Settings { width: 64, height: 64, seed, interleave, target_error, ..Settings::default() }
+    Settings { width: 64, height: 64, seed, interleave: Some(interleave), target_error, ..Settings::plain() }
 }
 
 /// Target, estimate and truth where a render ends.
