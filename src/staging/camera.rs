@@ -281,9 +281,9 @@ fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Opt
     let by_area = samples[samples.len() / 2..].iter().map(|s| s.normal);
     let mean = by_area.reduce(|a, b| if b.dot(a) < 0.0 { a - b } else { a + b })?.try_normalize()?;
     let thickness = |axis: Vec3| {
-        let (a, b) = if axis.y.abs() > 0.999 { (Vec3::X, Vec3::Z) } else { (axis.cross(Vec3::Y).normalize(), Vec3::Y) };
-        let (a, b) = if axis.y.abs() < 0.001 || axis.y.abs() > 0.999 { (a, b) } else { axis.any_orthonormal_pair() };
-        extent(points, axis) / extent(points, a).min(extent(points, b))
+        let world = camera(OBJECT_FOV, axis, Vec3::ZERO).world_from_camera;
+        let [across, along] = [world.x_axis, world.y_axis].map(|side| extent(points, side.into()));
+        extent(points, axis) / across.min(along)
     };
     let axes = [mean, Vec3::Z, Vec3::X, Vec3::Y].map(|axis| (thickness(axis), axis));
     let (thickness, axis) = axes.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a })?;
@@ -291,24 +291,13 @@ fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Opt
     if thickness.is_nan() || thickness > flat {
         return None;
     }
-    let radius = 0.5 * points_radius(points);
+    let far = 10.0 * [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(points, axis)).into_iter().fold(0.0, f32::max);
     let middle = points.iter().sum::<Vec3>() / points.len() as f32;
-    let sides = [axis, -axis].map(|side| (side, shown(reference, samples, middle + side * (20.0 * radius))));
-    // Two sides alike: the one to the front, or upwards.
-    let [(first, shown), (second, other)] = sides;
-    let liked = |side: Vec3| side.dot(Vec3::new(0.1, 0.5, 1.0));
-    Some(if (shown - other).abs() > 0.1 * (shown + other) {
-        if shown > other { first } else { second }
-    } else if liked(first) > liked(second) {
-        first
-    } else {
-        second
-    })
-}
-
-fn points_radius(points: &[Vec3]) -> f32 {
-    let (low, high) = points.iter().fold((Vec3::MAX, Vec3::MIN), |(l, h), &p| (l.min(p), h.max(p)));
-    0.5 * low.distance(high)
+    let shown = [axis, -axis].map(|side| shown(reference, samples, middle + side * far));
+    // Where both sides show alike, the one to the front, or upwards.
+    let alike = (shown[0] - shown[1]).abs() <= 0.1 * (shown[0] + shown[1]);
+    let first = if alike { axis.dot(Vec3::new(0.1, 0.5, 1.0)) > 0.0 } else { shown[0] > shown[1] };
+    Some(if first { axis } else { -axis })
 }
 
 /// Directions spread evenly over the sphere (spherical Fibonacci lattice).

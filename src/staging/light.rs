@@ -29,7 +29,7 @@ const OPEN: f32 = 0.002;
 const LARGE: f32 = 10.0;
 const LOW: f32 = 0.6;
 
-/// Light that was added.
+/// Light for a scene that lacks some.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Added {
     /// An environment, as the options `--env` and `--env-rotate` ask for it.
@@ -40,7 +40,26 @@ pub enum Added {
         rotate: f32,
     },
     /// A lamp below the ceiling of a closed room.
-    Lamp,
+    Lamp(Lamp),
+}
+
+impl Added {
+    /// Adds it to a scene.
+    ///
+    /// # Errors
+    /// None that this program's own environments have.
+    pub fn apply(&self, scene: &mut Scene) -> Result<(), LoadError> {
+        match self {
+            Self::Environment { source, rotate } => {
+                let rotate = Some(*rotate).filter(|&degrees| degrees != 0.0).map(f32::to_radians);
+                EnvironmentChange { source: Some(source.clone()), scale: None, rotate }.apply(scene)
+            }
+            Self::Lamp(lamp) => {
+                scene.lights.push(Light::Lamp(*lamp));
+                Ok(())
+            }
+        }
+    }
 }
 
 /// Says whether anything in the scene gives light.
@@ -96,22 +115,18 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     (lit as f32) < ENOUGH * luminances.len() as f32
 }
 
-/// Adds light for a camera of the scene: a lamp to a closed room, sky and sun to one with openings and to large scenes, a studio to all
-/// else.
-///
-/// # Errors
-/// None that this program's own environments have.
-pub fn add(scene: &mut Scene, reference: &Reference, camera: &Camera) -> Result<Added, LoadError> {
-    let seen = camera::seen(reference, camera, 16);
+/// Chooses light for a camera: a lamp in a closed room, sky and sun in one with openings and for large scenes, a studio for all else.
+#[must_use]
+pub fn choose(reference: &Reference, camera: &Camera) -> Added {
     let back = Vec3::from(camera.world_from_camera.matrix3.z_axis);
     let facing = back.x.atan2(back.z).to_degrees();
     let [low, high] = reference.geometry().bounds;
     let extent = high - low;
     let side = extent.x.min(extent.z);
     let (source, rotate) = if camera::is_inside(reference, camera) {
+        let seen = camera::seen(reference, camera, 16);
         let Some((elevation, azimuth)) = sun_through_openings(reference, &seen) else {
-            add_lamp(scene, reference, camera);
-            return Ok(Added::Lamp);
+            return Added::Lamp(lamp(reference, camera));
         };
         (format!("sky:{elevation}"), azimuth)
     } else if side > LARGE && extent.y < LOW * side {
@@ -120,14 +135,7 @@ pub fn add(scene: &mut Scene, reference: &Reference, camera: &Camera) -> Result<
     } else {
         ("studio".to_owned(), facing.round())
     };
-    let rotate = (rotate + 540.0).rem_euclid(360.0) - 180.0;
-    let change = EnvironmentChange {
-        source: Some(source.clone()),
-        scale: None,
-        rotate: (rotate != 0.0).then(|| rotate.to_radians()),
-    };
-    change.apply(scene)?;
-    Ok(Added::Environment { source, rotate })
+    Added::Environment { source, rotate: (rotate + 540.0).rem_euclid(360.0) - 180.0 }
 }
 
 /// Elevation and azimuth, degrees, of the sun that reaches most of what is seen; nothing where the room is closed.
@@ -144,21 +152,20 @@ fn sun_through_openings(reference: &Reference, seen: &[Seen]) -> Option<(f32, f3
 }
 
 /// A lamp below the ceiling, over the middle of what the camera sees.
-fn add_lamp(scene: &mut Scene, reference: &Reference, camera: &Camera) {
+fn lamp(reference: &Reference, camera: &Camera) -> Lamp {
     let eye = Vec3::from(camera.world_from_camera.translation);
     let forward = -Vec3::from(camera.world_from_camera.matrix3.z_axis);
     let free = |from: Vec3, direction: Vec3| reference.closest_hit(from, direction, None).map_or(0.0, |hit| hit.t);
     let depth = free(eye, forward);
     let middle = eye + forward * (0.4 * depth);
     let above = free(middle, Vec3::Y);
-    let position = middle + Vec3::Y * (0.8 * above);
     let distance = depth.max(above).max(f32::MIN_POSITIVE);
-    scene.lights.push(Light::Lamp(Lamp {
-        position,
+    Lamp {
+        position: middle + Vec3::Y * (0.8 * above),
         world_from_lamp: Mat3::IDENTITY,
         radius: 0.1 * above,
         intensity: Vec3::splat(distance * distance),
         cone: None,
         pattern: None,
-    }));
+    }
 }

@@ -82,13 +82,19 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
     if !chooses && (!lights || scene.environment.is_some()) {
         return Ok(());
     }
-    let bare = scene.clone();
-    let mut reference = Reference::new(&bare);
-    if chooses {
-        let points = points(&bare, reference.geometry());
-        let (camera, chosen) = camera::choose(&reference, &points, staging.size);
+    let mut reference = Reference::new(scene);
+    let chosen = chooses.then(|| camera::choose(&reference, &points(scene, reference.geometry()), staging.size));
+    let shines = light::shines(scene);
+    let added =
+        chosen.as_ref().map(|(camera, _)| camera).or_else(|| scene.cameras.get(staging.camera.index(&scene.cameras)?));
+    let added = added.or(scene.cameras.first()).filter(|_| lights).and_then(|camera| {
+        let moved = staging.stand.and_then(|[eye, target]| camera.clone().looking(eye, target));
+        let camera = moved.as_ref().unwrap_or(camera);
+        light::lacks(scene, &mut reference, camera).then(|| light::choose(&reference, camera))
+    });
+    if let Some((camera, subject)) = chosen {
         let why = if scene.cameras.is_empty() { "the scene has no camera: one" } else { "a camera" };
-        let how = match chosen {
+        let how = match subject {
             Subject::Empty => "is added; there is nothing to see",
             Subject::Object => "is added that frames it",
             Subject::Flat => "is added that looks at its front",
@@ -98,20 +104,15 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
         scene.note(format!("{why} {how}"));
         scene.cameras.push(camera);
     }
-    let mut camera = scene.cameras[staging.camera.index(&scene.cameras).unwrap_or(0)].clone();
-    if let Some([eye, target]) = staging.stand {
-        camera = camera.clone().looking(eye, target).unwrap_or(camera);
-    }
-    if lights && light::lacks(scene, &mut reference, &camera) {
-        let own =
-            if light::shines(scene) { "what shines in the scene hardly lights it" } else { "the scene has no light" };
-        match light::add(scene, &reference, &camera)? {
-            Added::Environment { source, rotate } => {
-                let turned = if rotate == 0.0 { String::new() } else { format!(" --env-rotate {rotate}") };
-                scene.note(format!("{own}: --env {source}{turned} is added; --env none leaves it out"));
-            }
-            Added::Lamp => scene.note(format!("{own}: a lamp is added in the room; --env none leaves it out")),
-        }
+    if let Some(added) = added {
+        let why = if shines { "what shines in the scene hardly lights it" } else { "the scene has no light" };
+        let what = match &added {
+            Added::Environment { source, rotate: 0.0 } => format!("--env {source}"),
+            Added::Environment { source, rotate } => format!("--env {source} --env-rotate {rotate}"),
+            Added::Lamp(_) => "a lamp in the room".to_owned(),
+        };
+        scene.note(format!("{why}: {what} is added; --env none leaves it out"));
+        added.apply(scene)?;
     }
     Ok(())
 }
