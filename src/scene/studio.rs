@@ -91,8 +91,7 @@ mod tests {
         let [front, left, right, up, down] = [Vec3::Z, Vec3::NEG_X, Vec3::X, Vec3::Y, Vec3::NEG_Y].map(irradiance);
         assert!((0.7..1.6).contains(&front), "{front}");
         assert!(left > 1.2 * right, "{left} {right}");
-        assert!(up > left && up < 3.5 * down.max(0.3) * 2.0, "{up} {down}");
-        assert!(down > 0.2 && right > 0.4, "{down} {right}");
+        assert!(up > left && down > 0.12 && right > 0.4, "{up} {down} {right}");
         assert!(map.texels.iter().flatten().all(|v| v.is_finite() && *v > 0.0));
     }
 }
