@@ -56,6 +56,14 @@ pub struct BiasFilms {
     pub twice: Film,
 }
 
+impl BiasFilms {
+    /// The same in other units.
+    #[must_use]
+    pub fn scaled(&self, factor: f32) -> Self {
+        Self { side: self.side, unfiltered: self.unfiltered.scaled(factor), twice: self.twice.scaled(factor) }
+    }
+}
+
 /// Two pictures: samples of either, and how far they are apart in each tile.
 #[derive(Clone, Debug)]
 struct Pair {

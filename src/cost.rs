@@ -6,7 +6,7 @@
 //!
 //! Where surfaces are plain, k iterations have the error of k n^2 light subpaths that all pixels share (cornell_point, n = 1 and 2: the
 //! same to three digits). So a picture of m light subpaths takes m (subpath + pixels / n^2), which falls with n until light subpaths are
-//! most of it. Two things end that. Beyond n^2 subpath = [`MOST`] pixels little is left to gain, and where geometry is fine the filter
+//! most of it. Two things end that. Beyond n^2 subpath = `MOST` pixels little is left to gain, and where geometry is fine the filter
 //! joins few pixels. And the edges of things have one place within each pixel an iteration, so that a picture needs some three iterations
 //! whatever n: with m = 30, beyond n = 3 an iteration only takes longer.
 //!

@@ -61,6 +61,13 @@ impl Film {
         Self { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
     }
 
+    /// The image in other units.
+    #[must_use]
+    pub fn scaled(&self, factor: f32) -> Self {
+        let pixels = self.pixels.iter().map(|pixel| pixel.map(|value| value * factor)).collect();
+        Self { width: self.width, height: self.height, pixels }
+    }
+
     /// How many of the channel values are NaN or infinite.
     #[must_use]
     pub fn non_finite(&self) -> u64 {

@@ -16,8 +16,8 @@ use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::renderer::{BatchSize, Progressive, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
-use lightsheaf::settings::{DEFAULT_BUDGET, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
+use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
 use super::interrupt::{self, Interrupt};
 use super::output;
@@ -372,6 +372,7 @@ impl Job<'_> {
         // A picture that is filtered frame by frame goes on from the one before.
         let first = renderer.stats().samples;
         let (mut samples, mut taken) = (0, 0);
+        let mut scale = None;
         let (film, ended_by) = loop {
             let goal = convergence.as_ref().map_or(end, |(_, convergence)| convergence.next_look().min(end));
             let mut ended = None;
@@ -397,7 +398,9 @@ impl Job<'_> {
             let film = renderer.film()?;
             let mut found = (samples >= end).then_some(Ending::Samples).or(ended);
             if let Some((target, convergence)) = &mut convergence {
-                let error = convergence.look(samples, &film, renderer.bias_films()?.as_ref());
+                let scale = *scale.get_or_insert_with(|| self.looked_at(&film));
+                let bias = renderer.bias_films()?.map(|films| films.scaled(scale));
+                let error = convergence.look(samples, &film.scaled(scale), bias.as_ref());
                 if error.is_some_and(|error| error <= *target) {
                     found = found.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
                 }
@@ -436,6 +439,14 @@ impl Job<'_> {
             ..self.empty_stats()
         };
         Ok((film, stats))
+    }
+
+    /// The factor at which errors are estimated. Where nobody asked for one, dark pictures are brightened as for the display first: the
+    /// 0.01 in rel_mse hides the noise of a picture whose radiances are far below 0.1.
+    fn looked_at(&self, film: &Film) -> f32 {
+        let Settings { target_error, budget, .. } = *self.settings;
+        let by_default = (target_error, budget) == (Some(DEFAULT_TARGET_ERROR), Some(DEFAULT_BUDGET));
+        if by_default { auto_exposure(film).max(0.0).exp2() } else { 1.0 }
     }
 
     fn show_samples(&self, bar: &ProgressBar, samples: u64, began: Instant) {
