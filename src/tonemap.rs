@@ -21,6 +21,7 @@ use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::film::{Film, FilmError, srgb_from_linear};
+use crate::scene::LUMINANCE;
 
 /// The linear value that the log-average luminance is brought to: middle grey (Reinhard et al. 2002, section 3).
 pub const KEY: f32 = 0.18;
@@ -179,7 +180,7 @@ pub fn auto_exposure(film: &Film) -> f32 {
     // The leading bits of a positive f32 count in steps of its logarithm: a factor of 2 is STEPS bins, exactly.
     let mut bins = vec![0_u32; 1 << (8 + MANTISSA)];
     for &pixel in &film.pixels {
-        let luminance = luminance(pixel);
+        let luminance = Vec3::from_array(pixel).dot(LUMINANCE);
         if luminance.is_finite() && luminance >= f32::MIN_POSITIVE {
             bins[(luminance.to_bits() >> BELOW) as usize] += 1;
         }
@@ -222,11 +223,6 @@ fn trim(bins: &mut Vec<(usize, f64)>, mut pixels: f64) {
         pixels -= taken;
     }
     bins.retain(|(_, n)| *n > 0.0);
-}
-
-/// Rec. 709 luminance.
-fn luminance([r, g, b]: [f32; 3]) -> f32 {
-    0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
 /// Pixels that a thread takes at once.
