@@ -30,8 +30,8 @@ if [[ -z $picture ]]; then
     set -- "$@" -o "$picture"
 fi
 
-# Paths on the command line start from where the caller stands.
-cargo build --locked --bin lightsheaf
+# Without the window and its libraries, which a picture does not need. Paths on the command line start from where the caller stands.
+cargo build --locked --bin lightsheaf --no-default-features --features cli
 cd "$start"
 "${CARGO_TARGET_DIR:-$root/target}/debug/lightsheaf" render "$scene" "$@"
 case $picture in /*) ;; *) picture=$start/$picture ;; esac

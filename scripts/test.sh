@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Everything that has to hold: formatting, lints, tests, documentation; the same here and in CI.
+# Checks everything that has to hold: formatting, lints, tests, documentation. CI runs the same script.
 #
-# REQUIRE_GPU=1 turns tests that find no Vulkan device from skipped into failed.
+# REQUIRE_GPU=1 makes tests fail that would be skipped without a Vulkan device.
+# REQUIRE_SHARED=1 makes tests fail that would be skipped without the scenes and reference images in ../shared.
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -24,6 +25,8 @@ step() {
 
 step cargo fmt --all --check
 step cargo clippy --locked --all-targets -- -D warnings
+# The tests are built first, so that the time of each step tells compiler and tests apart.
+step cargo test --locked --no-run
 step cargo test --locked
 RUSTDOCFLAGS="-D warnings" step cargo doc --locked --no-deps
-printf '\nAll passed.\n'
+printf '\nAll passed in %d s.\n' "$SECONDS"
