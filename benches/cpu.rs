@@ -1,5 +1,5 @@
-//! `cargo bench --profile dev`: what happens on the CPU before the first sample, and is long enough in large scenes to be noticed.
-//! The profile is the program's own, which is optimized. Needs no GPU.
+//! Benchmarks of the CPU work before the first sample that is noticeable in large scenes: `cargo bench
+//! --profile dev`. The dev profile is the one of the program and is optimized. No GPU is needed.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -7,19 +7,19 @@ use std::path::PathBuf;
 
 use base64::Engine as _;
 use criterion::{Criterion, criterion_group, criterion_main};
-use lightsheaf::gpu::{Capabilities, Flags, link};
-use lightsheaf::light_table::{LightTable, Met};
-use lightsheaf::light_tree::LightTree;
-use lightsheaf::path_plan::PathPlan;
-use lightsheaf::plan::FramePlan;
+use lightsheaf::gpu::{Capabilities, link};
 use lightsheaf::reference::bvh::Bvh;
+use lightsheaf::render::lights::table::{Hittable, LightTable};
+use lightsheaf::render::lights::tree::LightTree;
+use lightsheaf::render::shared::plan::FramePlan;
+use lightsheaf::render::subpaths::plan::PathPlan;
 use lightsheaf::scene::{self, Geometry, SceneStats, builtin};
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::settings::{Settings, Technique};
 
-/// Squares along a side of the field in the files: 80,000 triangles.
+/// Squares along a side of the height field in the files, which has 80,000 triangles.
 const SIDE: usize = 200;
 
-/// Files that loaders read: a field of hills as glTF with its data embedded, and as Mitsuba XML with a PLY file.
+/// Temporary scene files: a height field as glTF with embedded data, and as Mitsuba XML with a PLY file.
 struct Files(PathBuf);
 
 impl Files {
@@ -48,6 +48,7 @@ impl Drop for Files {
     }
 }
 
+/// Returns positions and triangles of the height field.
 fn hills() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let at = |i: usize, j: usize| {
         let (x, z) = (i as f32 / SIDE as f32, j as f32 / SIDE as f32);
@@ -104,7 +105,7 @@ fn loaders(criterion: &mut Criterion) {
     for name in ["hills.gltf", "hills.xml"] {
         let path = files.path(name);
         let loaded = scene::load(&path).map(|scene| Geometry::new(&scene).triangles.len());
-        assert_eq!(loaded.ok(), Some(2 * SIDE * SIDE), "{name} is what it should be");
+        assert_eq!(loaded.ok(), Some(2 * SIDE * SIDE), "{name} has the triangles of the height field");
         group.bench_function(name, |b| b.iter(|| scene::load(black_box(&path))));
     }
     group.finish();
@@ -118,10 +119,10 @@ fn builds(criterion: &mut Criterion) {
     group.bench_function("bvh, 60000 triangles", |b| b.iter(|| Bvh::new(black_box(&geometry), |_| false)));
     let hall = builtin::load("emitter_hall:10000").unwrap_or_default();
     let geometry = Geometry::new(&hall);
-    let table = LightTable::new(&hall, &geometry, Met::ButConstantSky);
+    let table = LightTable::new(&hall, &geometry, Hittable::ButConstantSky);
     assert!(table.count() >= 10_000);
     group.bench_function("light_table, 10000 emissive triangles", |b| {
-        b.iter(|| LightTable::new(black_box(&hall), &geometry, Met::ButConstantSky));
+        b.iter(|| LightTable::new(black_box(&hall), &geometry, Hittable::ButConstantSky));
     });
     group.bench_function("light_tree, 10000 emissive triangles", |b| {
         b.iter(|| LightTree::new(black_box(&table), &hall, &geometry));
@@ -146,10 +147,9 @@ fn plans(criterion: &mut Criterion) {
     group.bench_function("scene_stats, 60000 triangles", |b| b.iter(|| SceneStats::new(black_box(&room), &geometry)));
     let raster = Settings::plain();
     group.bench_function("raster", |b| b.iter(|| FramePlan::new(black_box(&stats), &raster, &capabilities)));
-    let paths = Settings { method: Method::RayQuery, ..Settings::plain() };
+    let paths = Settings { technique: Technique::RAY_QUERY, ..Settings::plain() };
     group.bench_function("ray-query", |b| b.iter(|| PathPlan::new(black_box(&room), &stats, &paths, &capabilities)));
-    let flags: Flags = &[];
-    group.bench_function("link extend", |b| b.iter(|| link(black_box("extend"), flags)));
+    group.bench_function("link shared/paths/extend", |b| b.iter(|| link(black_box("shared/paths/extend"), &[])));
     group.finish();
 }
 

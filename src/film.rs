@@ -1,74 +1,75 @@
-//! Images of linear radiance and the files that hold them.
+//! Images of linear radiance, and reading and writing their files.
 //!
-//! EXR keeps every value as a 32-bit float. PNG holds values clipped to [0, 1] through the sRGB transfer function (IEC
-//! 61966-2-1), rounded to 8 bits; [`crate::tonemap`] writes it with an exposure and a tone curve. Files are written under a
-//! temporary name and then renamed, so a reader never meets half of one.
+//! EXR stores every value as a 32-bit float. PNG stores values clipped to [0, 1] and encoded by the sRGB
+//! transfer function (IEC 61966-2-1) in 8 bits; [`crate::tonemap`] writes it with an exposure and a tone
+//! curve. Files are written under a temporary name and then renamed, so that no reader sees an incomplete
+//! file.
 
 use std::path::{Path, PathBuf};
 
 use exr::prelude::{Encoding, Image, ReadChannels as _, ReadLayers as _, SpecificChannels, Vec2, WritableImage as _};
 
-/// Bytes per pixel of a film on the device: sum and compensation (shaders/lib/film.wesl).
+/// Bytes per pixel of a film on the device: a sum and its compensation (shaders/lib/pixels/film.wesl).
 pub const DEVICE_BYTES: u64 = 24;
 
-/// Most pixels that an image file may claim; more is refused rather than allocated.
+/// Largest number of pixels of an image file. Larger files are refused before memory is allocated.
 const MAX_PIXELS: u64 = 1 << 28;
 
-/// Linear Rec. 709 RGB, row 0 on top.
+/// An image in linear Rec. 709 RGB, row 0 on top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Film {
-    /// Columns.
+    /// Columns of the image.
     pub width: u32,
-    /// Rows.
+    /// Rows of the image.
     pub height: u32,
-    /// Row-major, `width * height` of them.
+    /// Pixels in row-major order, `width * height` of them.
     pub pixels: Vec<[f32; 3]>,
 }
 
-/// Why an image file could not be read or written.
+/// An error in reading or writing an image file.
 #[derive(Debug, thiserror::Error)]
 pub enum FilmError {
-    /// The name's ending says nothing.
+    /// The file extension is unknown.
     #[error("{}: unknown image format; end the name in {expected}", path.display())]
     Format {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The endings that are known.
+        /// Known extensions.
         expected: &'static str,
     },
-    /// Reading failed.
+    /// The file could not be read.
     #[error("{}: the image cannot be read: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Reason of the failure.
         cause: String,
     },
-    /// Writing failed.
+    /// The file could not be written.
     #[error("{}: the image cannot be written: {cause}", path.display())]
     Write {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What went wrong and what to do.
+        /// Reason of the failure, and what to do.
         cause: String,
     },
 }
 
 impl Film {
-    /// A black image.
+    /// Creates a black image.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
         Self { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
     }
 
-    /// The image in other units.
+    /// Returns the image multiplied by a factor.
     #[must_use]
     pub fn scaled(&self, factor: f32) -> Self {
         let pixels = self.pixels.iter().map(|pixel| pixel.map(|value| value * factor)).collect();
         Self { width: self.width, height: self.height, pixels }
     }
 
-    /// How many of the channel values are NaN or infinite.
+    /// Returns the number of channel values that are NaN or infinite.
     #[must_use]
     pub fn non_finite(&self) -> u64 {
         self.pixels.iter().flatten().filter(|v| !v.is_finite()).count() as u64
@@ -77,12 +78,12 @@ impl Film {
     /// Writes .exr (32-bit float) or .png (exposure 0 stops, clipped, sRGB), by extension.
     ///
     /// # Errors
-    /// The path, the cause and what to do.
+    /// Returns [`FilmError`] if the extension is unknown or writing fails.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
         self.save_by(path.as_ref(), &|film| film.to_srgb8(1.0))
     }
 
-    /// As [`Film::save`], with another encoding to 8-bit RGB for .png.
+    /// Writes as [`Film::save`], with another encoding to 8-bit RGB for .png.
     pub(crate) fn save_by(&self, path: &Path, encode: &dyn Fn(&Self) -> Vec<u8>) -> Result<(), FilmError> {
         let error = |cause: String| FilmError::Write { path: path.to_owned(), cause };
         let png = match extension(path).as_str() {
@@ -102,7 +103,7 @@ impl Film {
         let temporary = path.with_file_name(name);
         let written = if png { self.write_png(&temporary, encode(self)) } else { self.write_exr(&temporary) };
         written.and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string())).map_err(|cause| {
-            // Best effort: the error that is reported is the first one.
+            // Removal is a best effort: the first error is the one that is reported.
             let _ = std::fs::remove_file(&temporary);
             error(match path.parent() {
                 Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
@@ -113,10 +114,11 @@ impl Film {
         })
     }
 
-    /// Reads .exr (half or float RGB, first layer), .hdr, or .png (decoded as [`Film::save`] encodes it), by extension.
+    /// Reads .exr (half or float RGB, first layer), .hdr, or .png (decoded from the encoding of
+    /// [`Film::save`]), by extension.
     ///
     /// # Errors
-    /// The path, the cause and what to do.
+    /// Returns [`FilmError`] if the extension is unknown or the file cannot be read.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
         let path = path.as_ref();
         match extension(path).as_str() {
@@ -128,7 +130,7 @@ impl Film {
         .map_err(|cause| FilmError::Read { path: path.to_owned(), cause })
     }
 
-    /// 8-bit sRGB of value times `exposure`, clipped. NaN becomes black.
+    /// Returns 8-bit sRGB of the values times `exposure`, clipped. NaN becomes black.
     #[must_use]
     pub fn to_srgb8(&self, exposure: f32) -> Vec<u8> {
         self.pixels.iter().flatten().map(|v| (srgb_from_linear(v * exposure) * 255.0 + 0.5) as u8).collect()
@@ -154,7 +156,7 @@ impl Film {
     }
 }
 
-/// sRGB's transfer function, clipped to [0, 1].
+/// Encodes a value by sRGB's transfer function, clipped to [0, 1].
 pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     let x = linear.clamp(0.0, 1.0);
     if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
@@ -239,7 +241,8 @@ mod tests {
         let folder = folder("png");
         let mut film = Film::new(3, 1);
         film.pixels = vec![[0.0, 1.0, 7.0], [0.214_041_14, 0.002, -1.0], [f32::NAN, f32::INFINITY, 0.5]];
-        // 0.21404114 is sRGB 0.5; 0.002 lies on the linear toe: 12.92 * 0.002 * 255 = 6.6; 0.5 is sRGB 0.7354.
+        // 0.21404114 is 0.5 in sRGB; 0.002 is on the linear segment, 12.92 * 0.002 * 255 = 6.6; 0.5 is 0.7354
+        // in sRGB.
         assert_eq!(film.to_srgb8(1.0), [0, 255, 255, 128, 7, 0, 0, 255, 188]);
         let path = folder.join("a.png");
         film.save(&path).unwrap();

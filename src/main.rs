@@ -1,4 +1,5 @@
-//! `lightsheaf`: global illumination by rasterization alone. Parses, runs, prints an error once, sets the exit code.
+//! The program `lightsheaf`: parses the command line, runs the command, prints an error once, sets the exit
+//! code.
 
 mod cli;
 

@@ -1,6 +1,6 @@
-//! How far an image is from a reference, on linear RGB. Sums are in f64.
+//! Error metrics of an image against a reference, on linear RGB. Sums are in f64.
 //!
-//! With x the image, r the reference, over all values of all channels:
+//! With the image x and the reference r, over all values of all channels:
 //! - `mse` = mean((x - r)^2)
 //! - `rel_mse` = mean((x - r)^2 / (r^2 + 0.01))
 //! - `mean_bias` = mean(x) / mean(r) - 1
@@ -8,21 +8,22 @@
 //! - `flip` = mean LDR-FLIP (Andersson et al. 2020, 67 pixels per degree) of the sRGB images at exposure
 //!   0.8 / (95th percentile of the reference's luminance), clipped to [0, 1]
 //!
-//! A non-finite value in the image makes every figure NaN: an image with holes passes no threshold.
+//! A non-finite value in the image makes every metric NaN, so that an image with such values passes no
+//! threshold.
 
 use serde::{Deserialize, Serialize};
 
 use crate::film::Film;
 
-/// Keeps relative errors of dark values finite.
+/// Offset of the denominators, which keeps relative errors of dark values finite.
 pub(crate) const DARK: f64 = 0.01;
 
-/// The figures of one comparison. NaN is `null` in JSON.
+/// Metrics of one comparison. NaN is `null` in JSON.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// Columns.
+    /// Columns of both images.
     pub width: u32,
-    /// Rows.
+    /// Rows of both images.
     pub height: u32,
     /// Mean squared error.
     #[serde(deserialize_with = "nan_from_null")]
@@ -30,7 +31,7 @@ pub struct Comparison {
     /// Mean squared error relative to the reference's square.
     #[serde(deserialize_with = "nan_from_null")]
     pub rel_mse: f64,
-    /// Ratio of the means, minus one.
+    /// Ratio of the means minus one.
     #[serde(deserialize_with = "nan_from_null")]
     pub mean_bias: f64,
     /// 99.9th percentile of the relative error.
@@ -39,7 +40,7 @@ pub struct Comparison {
     /// Mean FLIP error, 0 to 1.
     #[serde(deserialize_with = "nan_from_null")]
     pub flip: f64,
-    /// NaN and infinite values in the image.
+    /// Number of NaN and infinite values in the image.
     pub non_finite: u64,
 }
 
@@ -47,10 +48,10 @@ fn nan_from_null<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f6
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
-/// Why two images cannot be compared.
+/// An error that prevents a comparison.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CompareError {
-    /// They have different sizes.
+    /// The images differ in size.
     #[error("the image is {}x{}, the reference {}x{}; render one of them at the other's size", image.0, image.1, reference.0, reference.1)]
     Size {
         /// Columns and rows of the image.
@@ -58,10 +59,10 @@ pub enum CompareError {
         /// Columns and rows of the reference.
         reference: (u32, u32),
     },
-    /// They have no pixels.
+    /// The images have no pixels.
     #[error("the images have no pixels")]
     Empty,
-    /// The reference has holes.
+    /// The reference has values that are not finite.
     #[error("the reference has {0} values that are not finite; nothing can be said about the image")]
     Reference(u64),
 }
@@ -69,7 +70,7 @@ pub enum CompareError {
 /// Compares an image with a reference.
 ///
 /// # Errors
-/// Where no comparison is possible.
+/// Returns [`CompareError`] if the sizes differ, there are no pixels or the reference is not finite.
 pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareError> {
     check(image, reference)?;
     let values = || image.pixels.iter().flatten().zip(reference.pixels.iter().flatten());
@@ -84,7 +85,7 @@ pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareErro
         sum_r += r;
     }
     let non_finite = image.non_finite();
-    // Infinities could cancel or vanish in a quotient; NaN they all are.
+    // Infinities could cancel in a difference or vanish in a quotient, so all non-finite values become NaN.
     let hole = if non_finite > 0 { f64::NAN } else { 0.0 };
     let mut errors: Vec<f64> =
         values().map(|(&x, &r)| (f64::from(x) - f64::from(r)).abs() / (f64::from(r) + DARK)).collect();
@@ -100,15 +101,17 @@ pub fn compare(image: &Film, reference: &Film) -> Result<Comparison, CompareErro
     })
 }
 
-/// Estimated `rel_mse` of a picture in each square of `side` pixels, row by row, from the picture of the first half of its samples;
-/// squares at the right and at the bottom may be smaller. NaN where values of the picture are not finite.
+/// Estimates `rel_mse` of a picture in each tile of `side` x `side` pixels, row by row, from the picture of
+/// the first half of its samples. Tiles at the right and at the bottom may be smaller. A tile is NaN if
+/// values of the picture in it are not finite.
 ///
-/// Between the picture and its first half lies as much as between it and the truth, in the mean. The truth is taken to be as bright as the
-/// picture, but for light that only one half has found, which would hide in its own brightness: at most half as bright again as the
-/// darker one.
+/// The expected squared difference between the picture and its first half equals the expected squared error
+/// of the picture. The reference radiance in the denominator is estimated by the picture. Light that only one
+/// half of the samples has found would make this estimate too large and hide its own error; the estimate is
+/// therefore limited to 1.5 times the darker half.
 ///
 /// # Errors
-/// Where no comparison is possible.
+/// Returns [`CompareError`] if the sizes differ, there are no pixels or the picture `whole` is not finite.
 pub fn rel_mse_of_tiles(half: &Film, whole: &Film, side: u32) -> Result<Vec<f64>, CompareError> {
     check(half, whole)?;
     let (width, side) = (whole.width as usize, side as usize);
@@ -124,11 +127,12 @@ pub fn rel_mse_of_tiles(half: &Film, whole: &Film, side: u32) -> Result<Vec<f64>
             *count += 1.0;
         }
     }
-    // Infinities are no error but a hole.
+    // An infinite sum results from values that are not finite and is no valid error.
     Ok(sums.iter().map(|(sum, count)| if f64::is_finite(*sum) { sum / count } else { f64::NAN }).collect())
 }
 
-/// The exposure at which FLIP looks at an image: 0.8 / (95th percentile of the reference's luminance), 1 for a black one.
+/// Returns the exposure for FLIP: 0.8 / (95th percentile of the reference's luminance), 1 for a black
+/// reference.
 #[must_use]
 pub fn flip_exposure(reference: &Film) -> f64 {
     let mut luminance: Vec<f64> = reference
@@ -140,11 +144,12 @@ pub fn flip_exposure(reference: &Film) -> f64 {
     if bright > 0.0 { 0.8 / bright } else { 1.0 }
 }
 
-/// The signed relative error of each pixel, mean over the channels of (x - r) / (r + 0.01): red where the image is too bright,
-/// blue where it is too dark, full colour from 100 % on, white where it is not finite. PNG's transfer function lifts small errors.
+/// Returns the signed relative error of each pixel, the mean over the channels of (x - r) / (r + 0.01). Red
+/// marks pixels that are too bright, blue pixels that are too dark, with full saturation from 100 % on; white
+/// marks values that are not finite. PNG's transfer function makes small errors visible.
 ///
 /// # Errors
-/// Where no comparison is possible.
+/// Returns [`CompareError`] if the sizes differ, there are no pixels or the reference is not finite.
 pub fn heatmap(image: &Film, reference: &Film) -> Result<Film, CompareError> {
     check(image, reference)?;
     let color = |x: &[f32; 3], r: &[f32; 3]| {
@@ -174,7 +179,8 @@ fn check(image: &Film, reference: &Film) -> Result<(), CompareError> {
     }
 }
 
-/// The value below which `fraction` of the values lie, linear between ranks. Reorders the values.
+/// Returns the value below which `fraction` of the values lie, interpolated linearly between ranks. Reorders
+/// the values.
 fn percentile(values: &mut [f64], fraction: f64) -> f64 {
     let rank = fraction * (values.len() - 1) as f64;
     let (_, &mut low, above) = values.select_nth_unstable_by(rank as usize, f64::total_cmp);

@@ -1,359 +1,515 @@
-//! Every knob, in one struct that the command line, the viewer and the benchmarks edit: meaning, unit, default and range.
+//! Settings of a render, in one struct that the command line, the viewer and the benchmarks edit.
 //!
-//! The command line derives its options from [`Settings`], with these very sentences as help; [`Settings::check`] holds the
-//! ranges.
+//! The command line derives its options from [`Settings`]: the doc comment of a field is the help text of its
+//! option. [`Settings::check`] checks the ranges.
 
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::str::FromStr;
 
+#[cfg(feature = "cli")]
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-/// `bounces` without a limit, for `path` and the reference.
+/// Value of `bounces` for paths of unlimited length, in `path` and the reference.
 pub const UNLIMITED: u32 = u32::MAX;
 
-/// Pixels along a side of an image; the film sizes that scene files may ask for have the same limit.
+/// Pixels along a side of an image. The film sizes of scene files have the same limit.
 pub const SIDES: RangeInclusive<u32> = 1..=16_384;
 
-/// Samples: 2^24 is where adding 1 to an f32 count stops.
+/// Number of samples. Beyond 2^24, adding 1 to an f32 count has no effect.
 pub const SAMPLES: RangeInclusive<u32> = 1..=1 << 24;
 
-/// Indirect bounces that are counted; in `raster` each takes a bundle.
+/// Number of indirect bounces if it is limited. In `shared` each bounce needs a ray-bundle.
 pub const BOUNCES: RangeInclusive<u32> = 0..=64;
 
-/// Texels along a side of a view.
+/// Texels along a side of a rasterized view (ray-bundle, or face of a map).
 pub const RESOLUTIONS: RangeInclusive<u32> = 16..=2048;
-/// Light points of a pool.
+
+/// Number of light candidates per iteration.
 const POOLS: RangeInclusive<u32> = 1..=256;
 
-/// Layer pixels along a side of a square that shares its samples, and image pixels along a side of a layer's.
+/// Share of the scene's diagonal at which the paper's geometry term is bounded.
+const PAPER_CLAMPS: RangeInclusive<f32> = 0.0..=1.0;
+
+/// Samples per lobe of the roughness clamp (m' of section 5.2).
+const CLAMP_SAMPLES: RangeInclusive<f32> = 0.01..=1000.0;
+
+/// Initial capacity for list nodes, as a multiple of the estimate.
+const LIST_CAPACITIES: RangeInclusive<f32> = 0.001..=16.0;
+
+/// Pixels per band.
+const BAND_PIXELS: RangeInclusive<u32> = 1..=1 << 22;
+
+/// Samples that a reservoir represents at most.
+const RESTIR_MEMORIES: RangeInclusive<f32> = 0.0..=100.0;
+
+/// Pixels along a side of the squares of interleaved sampling.
 const SIDES_OF_SQUARES: RangeInclusive<u32> = 1..=8;
+
+/// Image pixels along a side of a pixel of a layer that is upsampled.
 const SCALES: RangeInclusive<u32> = 1..=16;
 
-/// The side of the squares of interleaved sampling. None: the plan chooses ([`crate::plan::FramePlan::interleave`]).
+/// Side of the squares of interleaved sampling. With none the plan selects it
+/// ([`crate::render::shared::plan::FramePlan::interleave`]).
 pub type Interleave = Option<u32>;
 
-/// The word for a value that the plan chooses.
+/// Word of the command line for a value that the plan selects.
+#[cfg(feature = "cli")]
 const AUTO: &str = "auto";
 
-/// Frames that a pixel remembers.
+/// Number of previous frames in the temporal average of a pixel.
 const HISTORIES: RangeInclusive<u32> = 0..=1024;
 
-/// Exponents of the MIS heuristic; beyond, powers of density ratios leave the range of f32.
+/// Exponent of the MIS heuristic. Beyond this range, powers of pdf ratios overflow f32.
 pub const BETAS: RangeInclusive<f32> = 0.25..=4.0;
 
-/// Metres of a lens's radius; 0 is a pinhole.
+/// Radius of a thin lens in metres; 0 is a pinhole.
 pub const APERTURES: RangeInclusive<f32> = 0.0..=1000.0;
 
-/// Metres to the plane of focus.
+/// Distance to the plane of focus in metres.
 pub const FOCUSES: RangeInclusive<f32> = 1e-3..=1e6;
 
-/// Errors that a picture may be asked for: below, f32 pictures do not tell.
+/// Target of the estimated rel_mse. Images in f32 cannot resolve smaller errors.
 pub const TARGETS: RangeInclusive<f64> = 1e-8..=1.0;
 
-/// Seconds of a budget: up to a week.
+/// Time budget in seconds, up to a week.
 pub const BUDGETS: RangeInclusive<f64> = 0.001..=604_800.0;
 
-/// Estimated rel_mse at which a render ends that was given no samples, budget or error: little noise is seen
-/// at it.
+/// Estimated rel_mse at which a render ends if neither samples nor a budget nor an error are given. At this
+/// error little noise is visible.
 pub const DEFAULT_TARGET_ERROR: f64 = 0.003;
 
 /// Seconds after which such a render ends at the latest.
 pub const DEFAULT_BUDGET: f64 = 300.0;
 
-/// How a picture is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+/// Estimator of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Bidirectional path tracing by rasterization alone.
-    Raster,
-    /// The same estimator and random numbers as `raster`, with ray queries for visibility.
-    Twin,
-    /// Bidirectional path tracing with ray queries: all strategies, light tracing included.
-    RayQuery,
-    /// Path tracing from the camera with ray queries.
+    /// Bidirectional path tracing; all pixels share light subpaths and directions (short names: raster, twin)
+    #[cfg_attr(feature = "cli", value(aliases = ["raster", "twin"]))]
+    Shared,
+    /// Bidirectional path tracing per pixel with all strategies, including light tracing (short name:
+    /// ray-query)
+    #[cfg_attr(feature = "cli", value(alias = "ray-query"))]
+    Bdpt,
+    /// Path tracing from the camera with next-event estimation
     Path,
-    /// The CPU path tracer that judges the others.
+    /// CPU path tracer that serves as the reference of all other methods
     Reference,
 }
 
-impl Method {
-    /// Whether it needs a device with ray queries.
+/// Algorithm that answers visibility between two points and finds the nearest hit along a direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum Visibility {
+    /// Rasterized per-texel lists of all triangles that touch the texel, with exact intersection
+    Exact,
+    /// Rasterized depth maps and centre-sampled lists, as in Tokuyoshi and Ogaki 2012
+    Fast,
+    /// Ray queries of the GPU
+    RayQuery,
+}
+
+/// Estimator together with its visibility algorithm.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+pub struct Technique {
+    /// Estimator of the picture
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Method::Shared))]
+    pub method: Method,
+    /// Algorithm that answers visibility [default: exact for shared, ray-query for bdpt and path]
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_if("method", "twin", "ray-query")))]
+    pub visibility: Option<Visibility>,
+}
+
+impl Technique {
+    /// `raster`: shared subpaths with exact visibility by rasterization.
+    pub const RASTER: Self = Self { method: Method::Shared, visibility: None };
+    /// Shared subpaths with rasterized depth maps.
+    pub const FAST: Self = Self { method: Method::Shared, visibility: Some(Visibility::Fast) };
+    /// `twin`: shared subpaths and the random numbers of [`Self::RASTER`] with ray queries.
+    pub const TWIN: Self = Self { method: Method::Shared, visibility: Some(Visibility::RayQuery) };
+    /// `ray-query`: bidirectional path tracing per pixel with ray queries.
+    pub const RAY_QUERY: Self = Self { method: Method::Bdpt, visibility: None };
+    /// Path tracing with ray queries.
+    pub const PATH: Self = Self { method: Method::Path, visibility: None };
+    /// CPU reference.
+    pub const REFERENCE: Self = Self { method: Method::Reference, visibility: None };
+
+    /// Techniques with a short name.
+    pub const NAMED: [(&str, Self); 5] = [
+        ("raster", Self::RASTER),
+        ("twin", Self::TWIN),
+        ("ray-query", Self::RAY_QUERY),
+        ("path", Self::PATH),
+        ("reference", Self::REFERENCE),
+    ];
+
+    /// Returns the visibility, or the method's default.
     #[must_use]
-    pub fn traces_rays(self) -> bool {
-        matches!(self, Self::Twin | Self::RayQuery | Self::Path)
+    pub fn visibility(self) -> Visibility {
+        self.visibility.unwrap_or(match self.method {
+            Method::Shared => Visibility::Exact,
+            Method::Bdpt | Method::Path | Method::Reference => Visibility::RayQuery,
+        })
     }
 
-    /// Whether it can make paths of s light vertices and t eye vertices: `path` joins lights alone, `raster` and `twin` up to the
-    /// second VPL and nothing to the camera, the reference does not tell.
+    /// True if the device must support ray queries.
+    #[must_use]
+    pub fn needs_ray_queries(self) -> bool {
+        self.method != Method::Reference && self.visibility() == Visibility::RayQuery
+    }
+
+    /// True if the method samples paths with s light vertices and t eye vertices. `path` connects to light
+    /// points only; `shared` connects to light points and two VPLs, and never to the camera. The reference
+    /// does not separate strategies.
     #[must_use]
     pub fn has_strategy(self, s: u32, t: u32) -> bool {
-        match self {
-            Self::Raster | Self::Twin => s <= 3 && t > 1,
-            Self::RayQuery => t > 0,
-            Self::Path => s <= 1 && t > 1,
-            Self::Reference => false,
+        match self.method {
+            Method::Shared => s <= 3 && t > 1,
+            Method::Bdpt => t > 0,
+            Method::Path => s <= 1 && t > 1,
+            Method::Reference => false,
         }
     }
 
-    /// Whether it is the raster estimator: light and directions that all pixels share, and surfaces that can be joined.
+    /// True if pixels share light subpaths and directions.
     #[must_use]
     pub fn shares_subpaths(self) -> bool {
-        matches!(self, Self::Raster | Self::Twin)
+        self.method == Method::Shared
+    }
+
+    /// True if visibility lists and maps are rasterized.
+    #[must_use]
+    pub fn rasterizes(self) -> bool {
+        self.shares_subpaths() && self.visibility() != Visibility::RayQuery
+    }
+
+    /// True if the combination of method and visibility is implemented.
+    fn exists(self) -> bool {
+        match self.method {
+            Method::Shared => true,
+            Method::Bdpt | Method::Path => self.visibility() == Visibility::RayQuery,
+            Method::Reference => self.visibility.is_none(),
+        }
     }
 }
 
-/// The only strategy of bidirectional path tracing that counts in a picture, with the random numbers of a picture of all.
+impl Default for Technique {
+    fn default() -> Self {
+        Self::RASTER
+    }
+}
+
+impl PartialEq for Technique {
+    fn eq(&self, other: &Self) -> bool {
+        (self.method, self.visibility()) == (other.method, other.visibility())
+    }
+}
+
+impl Eq for Technique {}
+
+impl fmt::Display for Technique {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match Self::NAMED.iter().find(|(_, named)| named == self) {
+            Some((name, _)) => f.write_str(name),
+            None => write!(f, "{} {}", self.method, self.visibility()),
+        }
+    }
+}
+
+impl FromStr for Technique {
+    type Err = String;
+
+    /// Parses a short name, or the name of a method with its default visibility.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let named = Self::NAMED.into_iter().find(|(name, _)| *name == text).map(|(_, technique)| technique);
+        let of_method = || Method::ALL.into_iter().find(|method| method.name() == text);
+        named.or_else(|| of_method().map(|method| Self { method, visibility: None })).ok_or_else(|| {
+            let names: Vec<_> = Self::NAMED.iter().map(|(name, _)| *name).collect();
+            format!("`{text}` is none of {}, shared and bdpt", names.join(", "))
+        })
+    }
+}
+
+/// Single strategy of bidirectional path tracing that contributes to a picture. Its random numbers are those
+/// of the picture of all strategies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct OnlyStrategy {
-    /// Vertices that the light's side makes.
+    /// Number of light vertices.
     pub s: u32,
-    /// Vertices that the camera's side makes.
+    /// Number of eye vertices.
     pub t: u32,
-    /// Whether its share by MIS counts, or all of it.
+    /// True if the contribution is multiplied by its MIS weight.
     pub weighted: bool,
 }
 
 impl OnlyStrategy {
-    /// Every strategy (s, t) of paths up to a number of bounces, shortest paths first: s + t - 1 edges each.
+    /// Returns every strategy (s, t) of paths with at most `bounces` indirect bounces, shortest paths first.
+    /// A path has s + t - 1 edges.
     pub fn all(bounces: u32, weighted: bool) -> impl Iterator<Item = Self> {
         (1..=bounces + 2).flat_map(move |edges| (0..=edges).map(move |s| Self { s, t: edges + 1 - s, weighted }))
     }
 
-    /// The name of its image: `s2_t3` or `s2_t3_unweighted`.
+    /// Returns the name of the strategy's image: `s2_t3` or `s2_t3_unweighted`.
     #[must_use]
     pub fn name(&self) -> String {
         format!("s{}_t{}{}", self.s, self.t, if self.weighted { "" } else { "_unweighted" })
     }
 }
 
-/// How `raster` tests visibility.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Visibility {
-    /// Conservative lists of triangles and exact intersection: no visibility error.
-    Exact,
-    /// Centre-sampled lists and depth comparison, as in the paper.
-    Fast,
-}
-
-/// Which strategies take part.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+/// Set of strategies that contribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Strategies {
-    /// All, under multiple importance sampling, nothing clamped.
+    /// All strategies, combined by multiple importance sampling without a bound.
     All,
-    /// For each path length the one with the most light vertices: instant radiosity.
+    /// Instant radiosity: for each path length the strategy with the most light vertices.
     Vpl,
-    /// One light vertex only: path tracing through bundles.
+    /// Path tracing through ray-bundles: strategies with one light vertex.
     Bundle,
-    /// The set of 2012: one bounce under MIS, two bounces by (2, 3) alone, clamped.
+    /// Set of Tokuyoshi and Ogaki 2012: one bounce by MIS, two bounces by the bounded strategy (2, 3) alone.
     Paper,
 }
 
-/// How a surface chooses the light that it is joined to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+/// Method that selects a light for direct lighting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum LightSampling {
-    /// All alike.
+    /// Uniform selection.
     Uniform,
-    /// By power, wherever the surface is.
+    /// Selection by power, independent of the surface.
     Power,
-    /// By power, distance and orientation, through a tree.
+    /// Selection by power, distance and orientation, through a light tree.
     Tree,
-    /// Where the camera looks by resampling: what the tree gives, in raster and twin a pool of light points.
+    /// Resampling at the first hit: of candidates from the tree in `path`, of a pool of light points in
+    /// `shared`.
     Ris,
-    /// With what the pixel and its neighbours kept in the last sample or iteration (ReSTIR DI).
+    /// As `ris`, with the reservoirs of the pixel and its neighbours from the previous sample or iteration
+    /// (ReSTIR DI).
     Restir,
 }
 
 impl LightSampling {
-    /// Whether lights are chosen down a tree.
+    /// True if lights are selected by a light tree.
     #[must_use]
     pub fn has_tree(self) -> bool {
         matches!(self, Self::Tree | Self::Ris | Self::Restir)
     }
 
-    /// Whether what was kept before is used again.
+    /// True if reservoirs of the previous sample or iteration are reused.
     #[must_use]
     pub fn reuses(self) -> bool {
         self == Self::Restir
     }
 
-    /// Whether the light of what the camera sees is resampled.
+    /// True if direct light at the first hit is resampled.
     #[must_use]
     pub fn resamples(self) -> bool {
         matches!(self, Self::Ris | Self::Restir)
     }
 }
 
-/// How reused light samples are weighted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+/// Weights of reused light samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum RestirBias {
-    /// By the pixels that could have kept them, with rays or maps that say whether these see them.
+    /// Unbiased: divides by the pixels that could have produced the sample, after testing their visibility.
     Unbiased,
-    /// By all pixels that were asked: faster, and dark where their visibility differs.
+    /// Biased: divides by all pixels that are reused. Faster, but too dark where their visibility differs.
     Biased,
 }
 
-/// The name that the command line knows a value by.
-fn name(value: &impl clap::ValueEnum) -> String {
-    value.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
+/// Defines the list of values and their names on the command line.
+macro_rules! names {
+    ($($type:ident { $($variant:ident = $name:literal),* $(,)? })*) => {
+        $(impl $type {
+            /// All values.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant),*];
+
+            /// Returns the name on the command line.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+        }
+
+        impl fmt::Display for $type {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str(self.name())
+            }
+        })*
+    };
 }
 
-impl fmt::Display for Method {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&name(self))
-    }
-}
-
-impl fmt::Display for Visibility {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&name(self))
-    }
-}
-
-impl fmt::Display for LightSampling {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&name(self))
-    }
-}
-
-impl fmt::Display for RestirBias {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&name(self))
-    }
-}
-
-impl fmt::Display for Strategies {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(&name(self))
-    }
+names! {
+    Method { Shared = "shared", Bdpt = "bdpt", Path = "path", Reference = "reference" }
+    Visibility { Exact = "exact", Fast = "fast", RayQuery = "ray-query" }
+    Strategies { All = "all", Vpl = "vpl", Bundle = "bundle", Paper = "paper" }
+    LightSampling { Uniform = "uniform", Power = "power", Tree = "tree", Ris = "ris", Restir = "restir" }
+    RestirBias { Unbiased = "unbiased", Biased = "biased" }
 }
 
 /// All settings of a render.
-#[derive(Clone, Debug, PartialEq, clap::Args, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Settings {
-    /// How the picture is made
-    #[arg(long, value_enum, default_value_t = Self::default().method)]
-    pub method: Method,
+    /// Estimator and its visibility.
+    #[cfg_attr(feature = "cli", command(flatten))]
+    #[serde(flatten)]
+    pub technique: Technique,
     /// Columns of the image.
-    #[arg(skip = Self::default().width)]
+    #[cfg_attr(feature = "cli", arg(skip = Self::default().width))]
     pub width: u32,
     /// Rows of the image.
-    #[arg(skip = Self::default().height)]
+    #[cfg_attr(feature = "cli", arg(skip = Self::default().height))]
     pub height: u32,
-    /// Iterations (raster, twin) or paths per pixel (all others) [default: as many as an estimated rel_mse of
-    /// 0.003 takes, or five minutes]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples, hide_default_value = true)]
+    /// Number of samples, 1 to 16777216: iterations of shared, paths per pixel of the other methods [default:
+    /// until the estimated rel_mse is 0.003, at most five minutes]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples, hide_default_value = true))]
     pub samples: u32,
-    /// As many samples as this time allows, instead of a number; counted from the first sample on
-    #[arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)]
+    /// Render for this time in seconds, 0.001 to 604800, counted from the first sample. Excludes --samples
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)
+    )]
     pub budget: Option<f64>,
-    /// As many samples as bring the picture's estimated error down to this rel_mse, or as --budget allows;
-    /// 1e-8 to 1
-    #[arg(long, value_name = "REL_MSE", conflicts_with = "samples", allow_negative_numbers = true)]
+    /// Render until the estimated rel_mse is at most this value, 1e-8 to 1. With --budget, the first of the
+    /// two ends the render. Excludes --samples
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "REL_MSE", conflicts_with = "samples", allow_negative_numbers = true)
+    )]
     pub target_error: Option<f64>,
-    /// Indirect bounces: 0 is direct light only, at most 64; path and the reference also take `unlimited`
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces)]
+    /// Number of indirect bounces, 0 to 64. 0 is direct light only. path and reference also accept
+    /// `unlimited`
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces))]
     #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
-    /// Seed of all random numbers: the same seed, device and driver give the same bytes
-    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed)]
+    /// Seed of all random numbers. The same seed, settings, device and driver produce the same bytes
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed))]
     pub seed: u32,
-    /// How raster tests visibility
-    #[arg(long, value_enum, default_value_t = Self::default().visibility, help_heading = RASTER)]
-    pub visibility: Visibility,
-    /// Which strategies of bidirectional path tracing take part
-    #[arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = RASTER)]
+    /// Strategies of bidirectional path tracing that contribute
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = SHARED))]
     pub strategies: Strategies,
-    /// Exponent of the MIS heuristic, 0.25 to 4: 1 is the balance heuristic (section 4.2), 2 the power heuristic
-    /// [default: 1 for raster and twin, 2 for ray-query and path]
-    #[arg(long, value_name = "B", allow_negative_numbers = true)]
+    /// Exponent of the MIS heuristic, 0.25 to 4. 1 is the balance heuristic (section 4.2 of the 2012 paper),
+    /// 2 the power heuristic [default: 1 for shared, 2 for bdpt and path]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "B", allow_negative_numbers = true))]
     pub beta: Option<f32>,
-    /// How a light is chosen; tree is an option of ray-query and path, ris and restir of raster, twin and path [default: power, and direct
-    /// light of each in raster and twin where there are two to four; tree for ray-query and path where more than one light is somewhere]
-    #[arg(long, value_enum)]
+    /// Selection of lights for direct lighting. tree is available in bdpt and path, ris and restir in shared
+    /// and path [default: tree in bdpt and path if the scene has more than one local light, otherwise power;
+    /// in shared, two to four lights each contribute direct light in every iteration]
+    #[cfg_attr(feature = "cli", arg(long, value_enum))]
     pub light_sampling: Option<LightSampling>,
-    /// How `--light-sampling restir` weights what it reuses
-    #[arg(long, value_enum, default_value_t = Self::default().restir_bias)]
+    /// Weights of the light samples that `--light-sampling restir` reuses
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Self::default().restir_bias))]
     pub restir_bias: RestirBias,
-    /// Samples of a pixel that what `--light-sampling restir` keeps stands for at most, 0 to 100; 0: no sample looks back further than
-    /// to the one before
-    #[arg(long, value_name = "SAMPLES", default_value_t = Self::default().restir_memory, allow_negative_numbers = true, help_heading = RAYS)]
+    /// Number of samples of a pixel that a reservoir of `--light-sampling restir` represents at most, 0 to
+    /// 100. With 0 each sample reuses the previous one only
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SAMPLES", default_value_t = Self::default().restir_memory, allow_negative_numbers = true, help_heading = PATH))]
     pub restir_memory: f32,
-    /// The one strategy that counts, for images per strategy.
-    #[arg(skip)]
+    /// Single strategy that contributes, for images per strategy.
+    #[cfg_attr(feature = "cli", arg(skip))]
     pub only: Option<OnlyStrategy>,
-    /// What raster shows in place of light: entries of lists that look-ups along the first bundle walk, a mean over directions.
-    #[arg(skip)]
+    /// True if `raster` shows list lengths in place of light: the number of list entries that look-ups along
+    /// the first bundle visit, averaged over directions.
+    #[cfg_attr(feature = "cli", arg(skip))]
     pub list_lengths: bool,
     /// Texels along a side of a ray-bundle, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = LISTS))]
     pub bundle_resolution: Option<u32>,
-    /// Texels along a side of each of the six faces around a light, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    /// Texels along a side of each of the six faces of a light's map, 16 to 2048 [default: chosen from the
+    /// scene]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = LISTS))]
     pub light_resolution: Option<u32>,
-    /// Texels along a side of each of the six faces around a VPL, 16 to 2048 [default: chosen from the scene]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    /// Texels along a side of each of the six faces of a VPL's map, 16 to 2048 [default: chosen from the
+    /// scene]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = LISTS))]
     pub vpl_resolution: Option<u32>,
-    /// With `--strategies paper`: share of the scene's diagonal, 0 to 1, below which the geometry term of (2, 3) stops growing
-    #[arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = RASTER)]
+    /// Distance below which the geometry term of (2, 3) is bounded with `--strategies paper`, as a share of
+    /// the scene's diagonal, 0 to 1
+    #[cfg_attr(feature = "cli", arg(long, value_name = "SHARE", default_value_t = Self::default().paper_clamp, allow_negative_numbers = true, help_heading = SHARED))]
     pub paper_clamp: f32,
-    /// Samples that a highlight should hold, 0.01 to 1000: narrower lobes are widened until enough samples have come (m' of section 5.2);
-    /// fewer leave highlights sharper and noisier
-    #[arg(long, value_name = "N", default_value_t = Self::default().clamp_samples, allow_negative_numbers = true, help_heading = RASTER)]
+    /// Samples per lobe of the roughness clamp, 0.01 to 1000 (m' of section 5.2 of the 2012 paper). Lobes
+    /// that are too narrow for this number are widened. Smaller values leave highlights sharper and noisier
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = Self::default().clamp_samples, allow_negative_numbers = true, help_heading = SHARED))]
     pub clamp_samples: f32,
-    /// Light points per iteration that the direct light of each pixel is chosen from, 1 to 256 [default: chosen from the scene]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    /// Number of light points per iteration from which each pixel selects its direct light, 1 to 256
+    /// [default: chosen from the scene]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = SHARED))]
     pub light_pool: Option<u32>,
-    /// Room for list nodes at the start, as a multiple of the usual guess, 0.001 to 16; lists grow where a scene needs more
-    #[arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = RASTER)]
+    /// Initial capacity for list nodes as a multiple of the estimate, 0.001 to 16. Lists grow if a scene
+    /// needs more
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = LISTS))]
     pub list_room: f32,
-    /// Pixels that are followed at a time, 1 to 4194304: fewer take less memory, and drawings of the maps of a light pool more often
-    /// [default: 262144, with a light pool 1048576]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = RASTER)]
+    /// Number of pixels per band, 1 to 4194304. Bands are processed one after another. Smaller bands need
+    /// less memory, but the maps of a light pool are drawn for each band [default: 262144; 131072 for images
+    /// of more pixels; 1048576 with a light pool]
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = SHARED))]
     pub band_pixels: Option<u32>,
-    /// Interleaved sampling: pixels along a side of the squares whose pixels each have a light subpath and bundles of their own, joined by
-    /// a filter; 1: all pixels share one; auto: the plan chooses by what views and pixels cost
-    #[arg(long, value_name = "N", default_value = AUTO, value_parser = sides_of_squares(), allow_negative_numbers = true, help_heading = LIVE)]
+    /// Interleaved sampling: the N x N pixels of each square have separate light subpaths and bundles, and a
+    /// filter combines them. With 1 all pixels share one light subpath. auto selects 1 to 6 by a cost model
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value = AUTO, value_parser = sides_of_squares(), allow_negative_numbers = true, help_heading = FEW_SAMPLES))]
     pub interleave: Interleave,
-    /// Leave what --interleave splits unfiltered
-    #[arg(long, help_heading = LIVE)]
+    /// Omit the filter of --interleave. The result is unbiased, and its noise is a pattern of pixels
+    #[cfg_attr(feature = "cli", arg(long, help_heading = FEW_SAMPLES))]
     pub unfiltered: bool,
-    /// Frames that indirect light is averaged over, following what moves and forgetting what has changed, 0 to 1024
-    #[arg(long, value_name = "FRAMES", default_value_t = Self::default().history, allow_negative_numbers = true, help_heading = LIVE)]
+    /// Number of previous frames over which indirect light is averaged, 0 to 1024. Moving surfaces are
+    /// tracked, and light that has changed is rejected
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FRAMES", default_value_t = Self::default().history, allow_negative_numbers = true, help_heading = FEW_SAMPLES))]
     pub history: u32,
-    /// Indirect light for every n-th pixel of every n-th row alone, 1 to 16, interpolated where surfaces are alike
-    #[arg(long, value_name = "N", default_value_t = Self::default().upsample, allow_negative_numbers = true, help_heading = LIVE)]
+    /// Compute indirect light for every N-th pixel of every N-th row, 1 to 16, and interpolate it between
+    /// similar surfaces
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = Self::default().upsample, allow_negative_numbers = true, help_heading = FEW_SAMPLES))]
     pub upsample: u32,
-    /// Give pixels of indirect light that stick out the brightness of those around them: less noise, and darker
-    #[arg(long, help_heading = LIVE)]
+    /// Firefly clamp: outliers of indirect light receive the mean brightness of the pixels around them. Less
+    /// noise, but darker
+    #[cfg_attr(feature = "cli", arg(long, help_heading = FEW_SAMPLES))]
     pub tame_outliers: bool,
-    /// Radius of the lens in metres, 0 to 1000: 0 is a pinhole [default: the camera's own]
-    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
+    /// Radius of the thin lens in metres, 0 to 1000. 0 is a pinhole [default: the camera's own]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")
+    )]
     pub aperture: Option<f32>,
-    /// Distance along the view to the plane that is sharp, in metres, 0.001 to 1000000 [default: the camera's own]
-    #[arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")]
+    /// Distance to the plane of focus along the view direction in metres, 0.001 to 1000000 [default: the
+    /// camera's own]
+    #[cfg_attr(
+        feature = "cli",
+        arg(long, value_name = "METRES", allow_negative_numbers = true, help_heading = "Camera")
+    )]
     pub focus: Option<f32>,
     /// Index of the camera in the scene.
-    #[arg(skip = Self::default().camera)]
+    #[cfg_attr(feature = "cli", arg(skip = Self::default().camera))]
     pub camera: usize,
 }
 
-/// Heading of the options that only raster has.
-const RASTER: &str = "Options of raster";
+/// Heading of the options of the shared estimator.
+#[cfg(feature = "cli")]
+const SHARED: &str = "Options of shared";
 
-/// Heading of the options that make a good picture of few samples, frame by frame.
-const LIVE: &str = "Real-time options of raster and twin";
+/// Heading of the options of rasterized lists and maps.
+#[cfg(feature = "cli")]
+const LISTS: &str = "Options of shared with visibility exact or fast";
 
-/// Heading of the options that only paths of each pixel have.
-const RAYS: &str = "Options of ray-query and path";
+/// Heading of the options for a good picture of few samples, or of moving frames.
+#[cfg(feature = "cli")]
+const FEW_SAMPLES: &str = "Options of shared for few samples and animation";
+
+/// Heading of the options of path tracing.
+#[cfg(feature = "cli")]
+const PATH: &str = "Options of path";
 
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            method: Method::Raster,
+            technique: Technique::RASTER,
             width: 512,
             height: 512,
             samples: 64,
@@ -361,7 +517,6 @@ impl Default for Settings {
             target_error: None,
             bounces: 2,
             seed: 1,
-            visibility: Visibility::Exact,
             strategies: Strategies::All,
             beta: None,
             light_sampling: None,
@@ -390,144 +545,166 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The plain estimator, all else at its default: one light subpath serves all pixels, and iterations are summed as they are, without a
-    /// filter.
+    /// True if the settings override the camera's lens.
+    #[must_use]
+    pub fn has_lens(&self) -> bool {
+        self.aperture.is_some() || self.focus.is_some()
+    }
+
+    /// Returns the estimator.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        self.technique.method
+    }
+
+    /// Returns the visibility, or the method's default.
+    #[must_use]
+    pub fn visibility(&self) -> Visibility {
+        self.technique.visibility()
+    }
+
+    /// Returns the settings of the plain estimator, with all else at its default: one light subpath for all
+    /// pixels, and iterations are averaged without a filter.
     #[must_use]
     pub fn plain() -> Self {
         Self { interleave: Some(1), ..Self::default() }
     }
 }
 
-/// A setting out of its range.
+/// Setting that is out of its range, or that the method does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{option} {value}: {rule}")]
 pub struct OutOfRange {
-    /// The option as the command line spells it.
+    /// Option as the command line spells it.
     pub option: &'static str,
-    /// What it was.
+    /// Rejected value.
     pub value: String,
-    /// What it has to be.
+    /// Range, or the reason for the rejection.
     pub rule: String,
 }
 
 impl Settings {
-    /// Checks every value against its range.
+    /// Checks every value against its range, and against the method.
     ///
     /// # Errors
-    /// The first value that is out of its range, or that the method does not have.
+    /// Returns the first value that is out of its range, or that the method does not have.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let Self { width, height, samples, bounces, paper_clamp, .. } = *self;
-        let wrong =
-            |option, value: &dyn fmt::Display, rule: String| Err(OutOfRange { option, value: value.to_string(), rule });
-        if !SIDES.contains(&width) || !SIDES.contains(&height) {
-            return wrong("--size", &format_args!("{width}x{height}"), format!("each side has to be {}", span(&SIDES)));
-        }
-        if !SAMPLES.contains(&samples) {
-            return wrong("--samples", &samples, format!("has to be {}", span(&SAMPLES)));
-        }
-        if let Some(seconds) = self.budget.filter(|s| !BUDGETS.contains(s)) {
-            return wrong("--budget", &seconds, format!("has to be {} seconds", span(&BUDGETS)));
-        }
-        if let Some(error) = self.target_error.filter(|e| !TARGETS.contains(e)) {
-            return wrong("--target-error", &error, format!("has to be {}", span(&TARGETS)));
-        }
-        let unlimited = matches!(self.method, Method::Path | Method::Reference);
-        if bounces == UNLIMITED && !unlimited {
-            return wrong("--bounces", &"unlimited", format!("{} needs a number, {}", self.method, span(&BOUNCES)));
-        }
-        if bounces != UNLIMITED && !BOUNCES.contains(&bounces) {
-            let more = if unlimited { " or `unlimited`" } else { "" };
-            return wrong("--bounces", &bounces, format!("has to be {}{more}", span(&BOUNCES)));
-        }
-        if let Some(beta) = self.beta.filter(|b| !BETAS.contains(b)) {
-            return wrong("--beta", &beta, format!("has to be {}", span(&BETAS)));
-        }
-        if !(0.01..=1000.0).contains(&self.clamp_samples) {
-            return wrong("--clamp-samples", &self.clamp_samples, "has to be 0.01 to 1000".to_owned());
-        }
-        if !(0.001..=16.0).contains(&self.list_room) {
-            return wrong("--list-room", &self.list_room, "has to be 0.001 to 16".to_owned());
-        }
-        if let Some(pixels) = self.band_pixels.filter(|pixels| !(1..=1 << 22).contains(pixels)) {
-            return wrong("--band-pixels", &pixels, "has to be 1 to 4194304".to_owned());
-        }
-        if !(0.0..=100.0).contains(&self.restir_memory) {
-            return wrong("--restir-memory", &self.restir_memory, "has to be 0 to 100".to_owned());
-        }
-        if !(0.0..=1.0).contains(&paper_clamp) {
-            return wrong("--paper-clamp", &paper_clamp, "has to be 0 to 1".to_owned());
-        }
-        if let Some(points) = self.light_pool.filter(|n| !POOLS.contains(n)) {
-            return wrong("--light-pool", &points, format!("has to be {}", span(&POOLS)));
-        }
-        for (option, value, range) in [
-            ("--interleave", self.interleave.unwrap_or(1), SIDES_OF_SQUARES),
-            ("--history", self.history, HISTORIES),
-            ("--upsample", self.upsample, SCALES),
-        ] {
-            if !range.contains(&value) {
-                return wrong(option, &value, format!("has to be {}", span(&range)));
-            }
-        }
-        if let Some(metres) = self.aperture.filter(|a| !APERTURES.contains(a)) {
-            return wrong("--aperture", &metres, format!("has to be {} metres", span(&APERTURES)));
-        }
-        if let Some(metres) = self.focus.filter(|f| !FOCUSES.contains(f)) {
-            return wrong("--focus", &metres, format!("has to be {} metres", span(&FOCUSES)));
-        }
-        for (option, resolution) in self.resolutions() {
-            if let Some(texels) = resolution.filter(|r| !RESOLUTIONS.contains(r)) {
-                return wrong(option, &texels, format!("has to be {}", span(&RESOLUTIONS)));
-            }
-        }
-        for (option, given, needed, wanted) in [
-            ("--unfiltered", self.unfiltered, self.interleaves(), "--interleave of 2 or more"),
-            ("--tame-outliers", self.tame_outliers, self.is_live(), "--interleave, --history or --upsample"),
-        ] {
-            if given && !needed {
-                return wrong(option, &"", format!("needs {wanted}"));
-            }
-        }
-        let shares = self.method.shares_subpaths();
-        if let Some(sampling) = self.light_sampling.filter(|l| shares && l.reuses() && self.is_live()) {
-            let rule = "looks back at the last iteration of the same picture; with --interleave, --history or --upsample take ris";
-            return wrong("--light-sampling", &sampling, rule.to_owned());
-        }
-        if shares && self.restir_memory > 0.0 {
-            let rule = "is an option of path; raster and twin keep the light points of one iteration and their maps, no older ones";
-            return wrong("--restir-memory", &self.restir_memory, rule.to_owned());
-        }
+        self.check_visibility()?;
+        self.check_size_and_samples()?;
+        self.check_bounces()?;
+        self.check_ranges()?;
+        self.check_combinations()?;
         self.check_foreign()
     }
 
-    /// Ends at [`DEFAULT_TARGET_ERROR`], or after [`DEFAULT_BUDGET`]: what the program does where no end is
-    /// asked for.
+    /// Checks that the combination of method and visibility is implemented.
+    fn check_visibility(&self) -> Result<(), OutOfRange> {
+        if self.technique.exists() {
+            return Ok(());
+        }
+        let method = self.method();
+        let rule = match method {
+            Method::Reference => "the reference traces its own rays; leave --visibility out".to_owned(),
+            _ => format!("is an option of raster, not of {method}; leave it out, or use --method shared"),
+        };
+        Err(rejected("--visibility", self.visibility(), rule))
+    }
+
+    /// Checks the image's size and the end of the render.
+    fn check_size_and_samples(&self) -> Result<(), OutOfRange> {
+        let Self { width, height, .. } = *self;
+        if !SIDES.contains(&width) || !SIDES.contains(&height) {
+            let rule = format!("each side has to be {}", span(&SIDES));
+            return Err(rejected("--size", format_args!("{width}x{height}"), rule));
+        }
+        within("--samples", Some(self.samples), &SAMPLES, "")?;
+        within("--budget", self.budget, &BUDGETS, " seconds")?;
+        within("--target-error", self.target_error, &TARGETS, "")
+    }
+
+    /// Checks the number of bounces. `path` and the reference accept unlimited bounces.
+    fn check_bounces(&self) -> Result<(), OutOfRange> {
+        let unlimited = matches!(self.method(), Method::Path | Method::Reference);
+        match self.bounces {
+            UNLIMITED if unlimited => Ok(()),
+            UNLIMITED => {
+                let rule = format!("{} needs a number, {}", self.technique, span(&BOUNCES));
+                Err(rejected("--bounces", "unlimited", rule))
+            }
+            bounces => within("--bounces", Some(bounces), &BOUNCES, if unlimited { " or `unlimited`" } else { "" }),
+        }
+    }
+
+    /// Checks the ranges of all other values.
+    fn check_ranges(&self) -> Result<(), OutOfRange> {
+        within("--beta", self.beta, &BETAS, "")?;
+        within("--clamp-samples", Some(self.clamp_samples), &CLAMP_SAMPLES, "")?;
+        within("--list-room", Some(self.list_room), &LIST_CAPACITIES, "")?;
+        within("--band-pixels", self.band_pixels, &BAND_PIXELS, "")?;
+        within("--restir-memory", Some(self.restir_memory), &RESTIR_MEMORIES, "")?;
+        within("--paper-clamp", Some(self.paper_clamp), &PAPER_CLAMPS, "")?;
+        within("--light-pool", self.light_pool, &POOLS, "")?;
+        within("--interleave", self.interleave, &SIDES_OF_SQUARES, "")?;
+        within("--history", Some(self.history), &HISTORIES, "")?;
+        within("--upsample", Some(self.upsample), &SCALES, "")?;
+        within("--aperture", self.aperture, &APERTURES, " metres")?;
+        within("--focus", self.focus, &FOCUSES, " metres")?;
+        self.resolutions().into_iter().try_for_each(|(option, texels)| within(option, texels, &RESOLUTIONS, ""))
+    }
+
+    /// Checks options that need or exclude one another.
+    fn check_combinations(&self) -> Result<(), OutOfRange> {
+        for (option, given, needed, wanted) in [
+            ("--unfiltered", self.unfiltered, self.interleaves(), "--interleave of 2 or more"),
+            ("--tame-outliers", self.tame_outliers, self.is_denoised(), "--interleave, --history or --upsample"),
+        ] {
+            if given && !needed {
+                return Err(rejected(option, "", format!("needs {wanted}")));
+            }
+        }
+        let shares = self.technique.shares_subpaths();
+        if let Some(sampling) = self.light_sampling.filter(|l| shares && l.reuses() && self.is_denoised()) {
+            let rule = "reuses reservoirs of the previous iteration of the same picture; with --interleave, --history or \
+                        --upsample use ris";
+            return Err(rejected("--light-sampling", sampling, rule.to_owned()));
+        }
+        if shares && self.restir_memory > 0.0 {
+            let rule = "is an option of path; raster and twin keep the light points and maps of one iteration only";
+            return Err(rejected("--restir-memory", self.restir_memory, rule.to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Sets the end of a render for which the user names none: [`DEFAULT_TARGET_ERROR`], at most
+    /// [`DEFAULT_BUDGET`].
     pub fn end_by_default(&mut self) {
         (self.target_error, self.budget) = (Some(DEFAULT_TARGET_ERROR), Some(DEFAULT_BUDGET));
     }
 
-    /// Whether pictures are asked to be filtered frame by frame rather than only summed. Where it is left to the plan, the plan says
-    /// ([`crate::plan::FramePlan::is_live`]).
+    /// True if the settings request the denoiser, which filters each frame. With `interleave` unset the plan
+    /// decides ([`crate::render::shared::plan::FramePlan::is_layered`]).
     #[must_use]
-    pub fn is_live(&self) -> bool {
+    pub fn is_denoised(&self) -> bool {
         self.interleaves() || self.history > 0 || self.upsample > 1
     }
 
+    /// True if the settings request interleaved sampling.
     fn interleaves(&self) -> bool {
         self.interleave.is_some_and(|side| side > 1)
     }
 
-    /// Whether tiles of pictures that are not filtered may settle: take no more samples once they are as near to the truth as asked for.
-    /// A raster plan that chooses to filter says otherwise ([`crate::plan::FramePlan::settles`]).
+    /// True if sampling is adaptive: tiles of unfiltered pictures take no more samples once their error has
+    /// reached the target. A plan of `shared` that selects the filter disables it
+    /// ([`crate::render::shared::plan::FramePlan::adaptive`]).
     #[must_use]
-    pub fn settles(&self) -> bool {
-        self.target_error.is_some() && !self.is_live()
+    pub fn is_adaptive(&self) -> bool {
+        self.target_error.is_some() && !self.is_denoised()
     }
 
-    /// Exponent of the MIS heuristic.
+    /// Returns the exponent of the MIS heuristic.
     #[must_use]
     pub fn beta(&self) -> f32 {
-        self.beta.unwrap_or(if self.method.shares_subpaths() { 1.0 } else { 2.0 })
+        self.beta.unwrap_or(if self.technique.shares_subpaths() { 1.0 } else { 2.0 })
     }
 
     fn resolutions(&self) -> [(&'static str, Option<u32>); 3] {
@@ -538,67 +715,89 @@ impl Settings {
         ]
     }
 
-    /// What belongs to other methods has to stay at its default: ignoring it in silence would mislead.
+    /// Checks that options of other methods have their default values, since ignoring them silently would
+    /// mislead.
     fn check_foreign(&self) -> Result<(), OutOfRange> {
         let default = Self::default();
-        let shares = self.method.shares_subpaths();
-        let raster = self.method == Method::Raster;
-        let judge = self.method == Method::Reference;
-        let visibility = (self.visibility != default.visibility && !raster).then(|| self.visibility.to_string());
+        let shares = self.technique.shares_subpaths();
+        let rasterizes = self.technique.rasterizes();
+        let reference = self.method() == Method::Reference;
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
-        let clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
-        let lobes = (self.clamp_samples != default.clamp_samples && !shares).then(|| self.clamp_samples.to_string());
-        let room = (self.list_room != default.list_room && !raster).then(|| self.list_room.to_string());
-        let live = |option, value: u32, default: u32| {
+        let paper_clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
+        let clamp_samples =
+            (self.clamp_samples != default.clamp_samples && !shares).then(|| self.clamp_samples.to_string());
+        let capacity = (self.list_room != default.list_room && !rasterizes).then(|| self.list_room.to_string());
+        let denoising = |option, value: u32, default: u32| {
             (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
         };
-        let sampling = self.light_sampling.filter(|l| judge || (shares && *l == LightSampling::Tree));
-        let resampling = self.light_sampling.filter(|l| l.resamples() && self.method == Method::RayQuery);
-        let reuses = (shares || self.method == Method::Path) && self.light_sampling.is_some_and(LightSampling::reuses);
+        let sampling = self.light_sampling.filter(|l| reference || (shares && *l == LightSampling::Tree));
+        let resampling = self.light_sampling.filter(|l| l.resamples() && self.method() == Method::Bdpt);
+        let reuses =
+            (shares || self.method() == Method::Path) && self.light_sampling.is_some_and(LightSampling::reuses);
         let bias = (self.restir_bias != default.restir_bias && !reuses).then(|| self.restir_bias.to_string());
         let memory = (self.restir_memory != default.restir_memory && !reuses).then(|| self.restir_memory.to_string());
         let changed = [
-            ("--visibility", visibility, "raster"),
-            ("--list-room", room, "raster"),
-            ("list lengths", (self.list_lengths && !raster).then(|| "true".to_owned()), "raster"),
+            ("--list-room", capacity, "raster"),
+            ("list lengths", (self.list_lengths && !rasterizes).then(|| "true".to_owned()), "raster"),
             ("--strategies", strategies, "raster and twin"),
             ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
-            ("--clamp-samples", lobes, "raster and twin"),
-            ("--paper-clamp", clamp, "raster and twin"),
+            ("--clamp-samples", clamp_samples, "raster and twin"),
+            ("--paper-clamp", paper_clamp, "raster and twin"),
             ("--light-pool", self.light_pool.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
-            ("--beta", self.beta.filter(|_| judge).map(|b| b.to_string()), "raster, twin, ray-query and path"),
+            ("--beta", self.beta.filter(|_| reference).map(|b| b.to_string()), "raster, twin, ray-query and path"),
             ("--light-sampling", sampling.map(|l| l.to_string()), "ray-query and path"),
             ("--light-sampling", resampling.map(|l| l.to_string()), "raster, twin and path"),
-            live("--interleave", self.interleave.unwrap_or(1), 1),
-            live("--history", self.history, default.history),
-            live("--upsample", self.upsample, default.upsample),
+            denoising("--interleave", self.interleave.unwrap_or(1), 1),
+            denoising("--history", self.history, default.history),
+            denoising("--upsample", self.upsample, default.upsample),
             ("--restir-bias", bias, "raster, twin and path with --light-sampling restir"),
             ("--restir-memory", memory, "path with --light-sampling restir"),
         ];
         let resolutions =
-            self.resolutions().map(|(option, r)| (option, r.filter(|_| !raster).map(|r| r.to_string()), "raster"));
+            self.resolutions().map(|(option, r)| (option, r.filter(|_| !rasterizes).map(|r| r.to_string()), "raster"));
         match changed.into_iter().chain(resolutions).find_map(|(option, value, whose)| Some((option, value?, whose))) {
             Some((option, value, whose)) => {
-                Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.method) })
+                Err(OutOfRange { option, value, rule: format!("is an option of {whose}, not of {}", self.technique) })
             }
             None => Ok(()),
         }
     }
 }
 
+/// Checks a value, if it is set, against its range. `unit` follows the range in the message.
+fn within<T: Copy + PartialOrd + fmt::Display>(
+    option: &'static str,
+    value: Option<T>,
+    range: &RangeInclusive<T>,
+    unit: &str,
+) -> Result<(), OutOfRange> {
+    match value {
+        Some(value) if !range.contains(&value) => {
+            Err(rejected(option, value, format!("has to be {}{unit}", span(range))))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn rejected(option: &'static str, value: impl fmt::Display, rule: String) -> OutOfRange {
+    OutOfRange { option, value: value.to_string(), rule }
+}
+
+/// Formats a range: `1 to 64`.
 fn span<T: fmt::Display>(range: &RangeInclusive<T>) -> String {
     format!("{} to {}", range.start(), range.end())
 }
 
-/// `auto` or a side, as the command line takes them.
+/// Parses `auto` or the side of a square.
+#[cfg(feature = "cli")]
 fn sides_of_squares() -> impl TypedValueParser<Value = Interleave> {
     PossibleValuesParser::new([AUTO, "1", "2", "3", "4", "5", "6", "7", "8"]).map(|text| text.parse().ok())
 }
 
-/// `unlimited` or a number, as the command line takes bounces.
+/// Parses a number of bounces, or `unlimited`.
 ///
 /// # Errors
-/// A sentence where it is neither.
+/// Returns a sentence if the text is neither.
 pub fn parse_bounces(text: &str) -> Result<u32, String> {
     match text {
         "unlimited" => Ok(UNLIMITED),
@@ -618,7 +817,7 @@ mod tests {
     fn each_range_has_two_ends() {
         let base = Settings::default();
         assert_eq!(base.check(), Ok(()));
-        let reference = Settings { method: Method::Reference, ..base.clone() };
+        let reference = Settings { technique: Technique::REFERENCE, ..base.clone() };
         let good = [
             Settings { width: 1, height: 16_384, ..base.clone() },
             Settings { samples: 1, ..base.clone() },
@@ -626,12 +825,12 @@ mod tests {
             Settings { bounces: 64, ..base.clone() },
             Settings { bundle_resolution: Some(16), vpl_resolution: Some(2048), ..base.clone() },
             Settings { budget: Some(0.5), beta: Some(2.0), ..base.clone() },
-            Settings { method: Method::RayQuery, beta: Some(1.0), ..base.clone() },
-            Settings { method: Method::Twin, strategies: Strategies::Paper, paper_clamp: 0.1, ..base.clone() },
-            Settings { method: Method::Path, bounces: UNLIMITED, ..base.clone() },
+            Settings { technique: Technique::RAY_QUERY, beta: Some(1.0), ..base.clone() },
+            Settings { technique: Technique::TWIN, strategies: Strategies::Paper, paper_clamp: 0.1, ..base.clone() },
+            Settings { technique: Technique::PATH, bounces: UNLIMITED, ..base.clone() },
             Settings { bounces: UNLIMITED, ..reference.clone() },
             Settings { aperture: Some(0.0), focus: Some(1e-3), ..base.clone() },
-            Settings { method: Method::Path, light_sampling: Some(LightSampling::Tree), ..base.clone() },
+            Settings { technique: Technique::PATH, light_sampling: Some(LightSampling::Tree), ..base.clone() },
             Settings { light_sampling: Some(LightSampling::Ris), interleave: Some(2), ..base.clone() },
             Settings {
                 light_sampling: Some(LightSampling::Restir),
@@ -658,8 +857,8 @@ mod tests {
             ("--paper-clamp", Settings { paper_clamp: 1.5, ..base.clone() }),
             ("--light-pool", Settings { light_pool: Some(0), ..base.clone() }),
             ("--band-pixels", Settings { band_pixels: Some(0), ..base.clone() }),
-            ("--band-pixels", Settings { method: Method::Path, band_pixels: Some(4), ..base.clone() }),
-            ("--light-pool", Settings { method: Method::Path, light_pool: Some(4), ..base.clone() }),
+            ("--band-pixels", Settings { technique: Technique::PATH, band_pixels: Some(4), ..base.clone() }),
+            ("--light-pool", Settings { technique: Technique::PATH, light_pool: Some(4), ..base.clone() }),
             ("--bundle-resolution", Settings { bundle_resolution: Some(15), ..base.clone() }),
             ("--light-resolution", Settings { light_resolution: Some(2049), ..base.clone() }),
             ("--vpl-resolution", Settings { vpl_resolution: Some(0), ..base.clone() }),
@@ -668,7 +867,7 @@ mod tests {
             ("--focus", Settings { focus: Some(0.0), ..base.clone() }),
             ("--light-sampling", Settings { light_sampling: Some(LightSampling::Tree), ..base.clone() }),
             ("--light-sampling", {
-                Settings { method: Method::RayQuery, light_sampling: Some(LightSampling::Ris), ..base.clone() }
+                Settings { technique: Technique::RAY_QUERY, light_sampling: Some(LightSampling::Ris), ..base.clone() }
             }),
             ("--light-sampling", {
                 Settings { light_sampling: Some(LightSampling::Restir), history: 4, ..base.clone() }
@@ -678,23 +877,38 @@ mod tests {
             }),
             ("--interleave", Settings { interleave: Some(0), ..base.clone() }),
             ("--interleave", Settings { interleave: Some(9), ..base.clone() }),
-            ("--interleave", Settings { method: Method::Path, interleave: Some(2), ..base.clone() }),
+            ("--interleave", Settings { technique: Technique::PATH, interleave: Some(2), ..base.clone() }),
             ("--unfiltered", Settings { unfiltered: true, ..base.clone() }),
             ("--tame-outliers", Settings { tame_outliers: true, ..base.clone() }),
             ("--restir-memory", {
                 Settings { light_sampling: Some(LightSampling::Restir), restir_memory: 4.0, ..base.clone() }
             }),
             ("--restir-bias", Settings { restir_bias: RestirBias::Biased, ..base.clone() }),
-            ("--restir-bias", Settings { method: Method::Path, restir_bias: RestirBias::Biased, ..base.clone() }),
+            ("--restir-bias", Settings { technique: Technique::PATH, restir_bias: RestirBias::Biased, ..base.clone() }),
             ("--restir-memory", Settings { restir_memory: f32::NAN, ..base.clone() }),
-            ("--restir-memory", Settings { method: Method::Path, restir_memory: 4.0, ..base }),
-            ("--bounces", Settings { method: Method::RayQuery, bounces: UNLIMITED, ..reference.clone() }),
+            ("--restir-memory", Settings { technique: Technique::PATH, restir_memory: 4.0, ..base }),
+            ("--bounces", Settings { technique: Technique::RAY_QUERY, bounces: UNLIMITED, ..reference.clone() }),
             ("--beta", Settings { beta: Some(2.0), ..reference.clone() }),
-            ("--visibility", Settings { method: Method::Twin, visibility: Visibility::Fast, ..reference.clone() }),
-            ("--vpl-resolution", Settings { method: Method::Twin, vpl_resolution: Some(64), ..reference.clone() }),
-            ("--visibility", Settings { visibility: Visibility::Fast, ..reference.clone() }),
-            ("--strategies", Settings { method: Method::RayQuery, strategies: Strategies::Vpl, ..reference.clone() }),
-            ("--light-resolution", Settings { method: Method::Path, light_resolution: Some(64), ..reference.clone() }),
+            (
+                "--visibility",
+                Settings { technique: Technique { method: Method::Path, ..Technique::FAST }, ..reference.clone() },
+            ),
+            (
+                "--vpl-resolution",
+                Settings { technique: Technique::TWIN, vpl_resolution: Some(64), ..reference.clone() },
+            ),
+            (
+                "--visibility",
+                Settings { technique: Technique { method: Method::Reference, ..Technique::FAST }, ..reference.clone() },
+            ),
+            (
+                "--strategies",
+                Settings { technique: Technique::RAY_QUERY, strategies: Strategies::Vpl, ..reference.clone() },
+            ),
+            (
+                "--light-resolution",
+                Settings { technique: Technique::PATH, light_resolution: Some(64), ..reference.clone() },
+            ),
             ("--strategies", Settings { strategies: Strategies::Vpl, ..reference.clone() }),
             ("--vpl-resolution", Settings { vpl_resolution: Some(64), ..reference }),
         ];

@@ -1,11 +1,13 @@
-//! From linear radiance to 8-bit sRGB: exposure, a tone curve, the encoding of the display.
+//! Display of linear radiance in 8-bit sRGB: exposure, tone curve, transfer function.
 //!
-//! `render` and the viewer show pictures through the same [`Grade`]. EXR files have none: they hold linear radiance.
+//! `render` and the viewer display pictures through the same [`Grade`]. EXR files store linear radiance
+//! without one.
 //!
-//! [`auto_exposure`] chooses the exposure from the picture (Reinhard et al. 2002, *Photographic Tone Reproduction for Digital
-//! Images*, eq. 1 and 2): the log-average luminance becomes middle grey, [`KEY`] = 0.18. Which pixels count is ours.
+//! [`auto_exposure`] chooses the exposure from the picture (Reinhard et al. 2002, *Photographic Tone
+//! Reproduction for Digital Images*, eq. 1 and 2): it maps the log-average luminance to middle grey, [`KEY`]
+//! = 0.18. The selection of the pixels that count is ours.
 //!
-//! | curve | per | source | 0.18 becomes, of 1 in sRGB |
+//! | curve | applied to | source | display value of 0.18 in sRGB, 0 to 1 |
 //! |---|---|---|---|
 //! | `clip` | channel | IEC 61966-2-1 | 0.46 |
 //! | `reinhard` | channel | Reinhard et al. 2002, eq. 3 | 0.43 |
@@ -23,46 +25,48 @@ use rayon::prelude::*;
 use crate::film::{Film, FilmError, srgb_from_linear};
 use crate::scene::LUMINANCE;
 
-/// The linear value that the log-average luminance is brought to: middle grey (Reinhard et al. 2002, section 3).
+/// Linear value that the log-average luminance is mapped to: middle grey (Reinhard et al. 2002, section 3).
 pub const KEY: f32 = 0.18;
 
-/// Share of the brightest pixels, which do not count: emitters, highlights and fireflies.
+/// Fraction of the brightest pixels that are ignored: emitters, highlights and fireflies.
 pub const BRIGHTEST: f64 = 0.1;
-/// Share of the darkest pixels, which do not count.
+/// Fraction of the darkest pixels that are ignored.
 pub const DARKEST: f64 = 0.1;
-/// Pixels that are more stops than this below the brightest tenth are empty background: 2^-10 is about 1e-3.
+/// Pixels that are more stops than this below the brightest tenth are ignored as empty background: 2^-10 is
+/// about 1e-3.
 pub const EMPTY_STOPS: u32 = 10;
 
-/// Stops that an exposure may have.
+/// Range of an exposure, stops.
 pub const STOPS: std::ops::RangeInclusive<f32> = -32.0..=32.0;
 
-/// Bits of the mantissa that tables and histogram tell apart.
+/// Leading bits of the mantissa that index tables and histogram.
 const MANTISSA: u32 = 8;
-/// Steps of a table within one stop.
+/// Entries of a table per stop.
 const STEPS: u32 = 1 << MANTISSA;
-/// Bits of an f32 below those.
+/// Trailing bits of the mantissa, which are interpolated.
 const BELOW: u32 = 23 - MANTISSA;
 
-/// How values above 1 are brought to the display.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+/// Tone curves for values above 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Tonemap {
-    /// No curve: values above 1 are cut.
+    /// No curve: values above 1 are clipped.
     Clip,
     /// x / (1 + x) for each channel (Reinhard et al. 2002).
     Reinhard,
-    /// The film curve of ACES 1.0, as Stephen Hill fitted it: strong contrast, saturated.
+    /// The film curve of ACES 1.0 in Stephen Hill's fit: strong contrast, saturated colours.
     Aces,
-    /// Troy Sobotka's AgX: bright colours go to white by way of pale ones.
+    /// Troy Sobotka's AgX: bright colours desaturate towards white.
     #[default]
     Agx,
 }
 
 impl Tonemap {
-    /// All of them.
+    /// All tone curves.
     pub const ALL: [Self; 4] = [Self::Clip, Self::Reinhard, Self::Aces, Self::Agx];
 
-    /// The encoded colour, 0 to 1, of an exposed linear one.
+    /// Returns the encoded colour, 0 to 1, of an exposed linear colour.
     fn encoded(self, color: Vec3) -> Vec3 {
         let x = color.min(Vec3::splat(LARGEST));
         let per_channel = |x: Vec3, curve: fn(f32) -> f32| Vec3::from_array(x.to_array().map(curve));
@@ -77,23 +81,27 @@ impl Tonemap {
 
 impl fmt::Display for Tonemap {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        use clap::ValueEnum as _;
-        f.write_str(self.to_possible_value().as_ref().map_or("", |value| value.get_name()))
+        f.write_str(match self {
+            Self::Clip => "clip",
+            Self::Reinhard => "reinhard",
+            Self::Aces => "aces",
+            Self::Agx => "agx",
+        })
     }
 }
 
-/// Which exposure a picture gets.
+/// Exposure of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
-    /// That of [`auto_exposure`].
+    /// The exposure that [`auto_exposure`] chooses.
     #[default]
     Auto,
-    /// Values are multiplied by 2 to this.
+    /// Values are multiplied by 2 to the power of this.
     Stops(f32),
 }
 
 impl Exposure {
-    /// The stops that a picture is brightened by.
+    /// Returns the exposure of a picture in stops.
     #[must_use]
     pub fn stops(self, film: &Film) -> f32 {
         match self {
@@ -129,24 +137,24 @@ impl FromStr for Exposure {
 /// Exposure and tone curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grade {
-    /// Values are multiplied by 2 to this.
+    /// Values are multiplied by 2 to the power of this.
     pub stops: f32,
-    /// What follows.
+    /// Tone curve that follows.
     pub tonemap: Tonemap,
 }
 
 impl Grade {
-    /// Neither exposure nor curve: what [`Film::save`] writes into a PNG file and [`Film::load`] undoes.
+    /// No exposure and no curve: the encoding of [`Film::save`] for PNG files, which [`Film::load`] inverts.
     pub const PLAIN: Self = Self { stops: 0.0, tonemap: Tonemap::Clip };
 
-    /// 8-bit sRGB of a linear colour. NaN and negative channels count as 0.
+    /// Returns 8-bit sRGB of a linear colour. NaN and negative channels become 0.
     #[must_use]
     pub fn shown(&self, color: [f32; 3]) -> [u8; 3] {
         bytes(self.tonemap.encoded(exposed(color, self.stops.exp2())))
     }
 
-    /// 8-bit sRGB of a whole picture, row 0 on top: [`Grade::shown`] through tables, so that a value just between two bytes may
-    /// become the other one.
+    /// Returns 8-bit sRGB of a whole picture, row 0 on top. It evaluates [`Grade::shown`] by tables, so that
+    /// a value close to a rounding boundary may differ by one.
     #[must_use]
     pub fn picture(&self, film: &Film) -> Vec<u8> {
         let (scale, tables) = (self.stops.exp2(), &TABLES[self.tonemap as usize]);
@@ -161,23 +169,24 @@ impl Grade {
 }
 
 impl Film {
-    /// As [`Film::save`], with a grade for .png; .exr holds linear radiance and takes none.
+    /// Writes as [`Film::save`], with exposure and tone curve for .png; .exr stores linear radiance.
     ///
     /// # Errors
-    /// The path, the cause and what to do.
+    /// Returns [`FilmError`] if the extension is unknown or writing fails.
     pub fn save_graded(&self, path: impl AsRef<Path>, grade: &Grade) -> Result<(), FilmError> {
         self.save_by(path.as_ref(), &|film| grade.picture(film))
     }
 }
 
-/// The exposure that brings the log-average luminance of a picture to [`KEY`], in stops, rounded to a hundredth: what is printed
-/// repeats the picture.
+/// Returns the exposure that maps the log-average luminance of a picture to [`KEY`], in stops. It is rounded
+/// to hundredths, so that the printed value reproduces the picture.
 ///
-/// Pixels that do not count: black ones and those that are not finite; of the others, those more than [`EMPTY_STOPS`] below the
-/// [`BRIGHTEST`] tenth; and of what remains, the brightest and the [`DARKEST`] tenth. A picture of nothing else has exposure 0.
+/// Pixels are ignored if they are black or not finite; of the others, if they are more than [`EMPTY_STOPS`]
+/// below the [`BRIGHTEST`] tenth; and of the remaining ones, the brightest and the [`DARKEST`] tenth. If no
+/// pixel is left, the exposure is 0.
 #[must_use]
 pub fn auto_exposure(film: &Film) -> f32 {
-    // The leading bits of a positive f32 count in steps of its logarithm: a factor of 2 is STEPS bins, exactly.
+    // The leading bits of a positive f32 index bins of its logarithm: a factor of 2 is exactly STEPS bins.
     let mut bins = vec![0_u32; 1 << (8 + MANTISSA)];
     for &pixel in &film.pixels {
         let luminance = Vec3::from_array(pixel).dot(LUMINANCE);
@@ -198,7 +207,7 @@ pub fn auto_exposure(film: &Film) -> f32 {
     bins.reverse();
     trim(&mut bins, shadows);
 
-    // The middle of the luminances that share a bin.
+    // A bin is represented by the logarithm of its centre.
     let log2 = |bin: usize| f64::from(f32::from_bits(((bin as u32) << BELOW) | (1 << (BELOW - 1)))).log2();
     let log_average = bins.iter().map(|&(bin, n)| n * log2(bin)).sum::<f64>() / count(&bins); // eq. 1, in stops
     let stops = f64::from(KEY).log2() - log_average; // eq. 2
@@ -206,16 +215,16 @@ pub fn auto_exposure(film: &Film) -> f32 {
     if !stops.is_finite() {
         return 0.0;
     }
-    // Adding 0 makes 0 of -0.
+    // Adding 0 turns -0 into 0.
     ((stops * 100.0).round() / 100.0) as f32 + 0.0
 }
 
-/// The pixels in bins.
+/// Returns the number of pixels in bins.
 fn count(bins: &[(usize, f64)]) -> f64 {
     bins.iter().map(|(_, n)| n).sum()
 }
 
-/// Takes that many pixels away, from the first bins on.
+/// Removes a number of pixels, starting at the first bins.
 fn trim(bins: &mut Vec<(usize, f64)>, mut pixels: f64) {
     for (_, n) in bins.iter_mut() {
         let taken = pixels.min(*n);
@@ -225,15 +234,15 @@ fn trim(bins: &mut Vec<(usize, f64)>, mut pixels: f64) {
     bins.retain(|(_, n)| *n > 0.0);
 }
 
-/// Pixels that a thread takes at once.
+/// Number of pixels that a thread processes at once.
 const CHUNK: usize = 4096;
-/// Exponents of the values that tables tell apart; smaller ones are encoded as 0, larger ones as the largest.
+/// Exponents that tables cover; smaller values are encoded as 0, larger ones as the largest.
 const EXPONENTS: std::ops::Range<i32> = -20..17;
-/// The largest of these values; no curve changes by half a byte beyond it.
+/// Largest covered value; beyond it no curve changes by half a byte.
 const LARGEST: f32 = (1 << (EXPONENTS.end - 1)) as f32;
 
 fn exposed(color: [f32; 3], scale: f32) -> Vec3 {
-    // max() also makes 0 of NaN.
+    // max() also maps NaN to 0.
     Vec3::from_array(color.map(|v| (v * scale).max(0.0)))
 }
 
@@ -241,19 +250,20 @@ fn bytes(encoded: Vec3) -> [u8; 3] {
     encoded.to_array().map(|v| (v * 255.0 + 0.5) as u8)
 }
 
-/// L / (1 + L) (Reinhard et al. 2002, eq. 3). The paper's L is luminance; of each channel, saturated lights do not clip.
+/// Returns L / (1 + L) (Reinhard et al. 2002, eq. 3). The paper's L is luminance; applied to each channel,
+/// the curve does not clip saturated lights.
 fn reinhard(x: f32) -> f32 {
     x / (1.0 + x)
 }
 
-/// From linear sRGB to the primaries of the fit, with its scale. The fit's own 0.18 is 0.10, as dark as in a cinema; division by 0.6
-/// brings middle grey to 0.21, as in three.js.
+/// Matrix from linear sRGB to the primaries of the fit, with its scale. The fit alone maps 0.18 to 0.10, for
+/// dark cinemas; division by 0.6 maps middle grey to 0.21, as in three.js.
 static ACES_IN: LazyLock<Mat3> = LazyLock::new(|| {
     Mat3::from_cols_array_2d(&[[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
         .transpose()
         * (1.0 / 0.6)
 });
-/// Back to linear sRGB.
+/// Matrix from the primaries of the fit to linear sRGB.
 static ACES_OUT: LazyLock<Mat3> = LazyLock::new(|| {
     Mat3::from_cols_array_2d(&[
         [1.60475, -0.53108, -0.07367],
@@ -263,41 +273,44 @@ static ACES_OUT: LazyLock<Mat3> = LazyLock::new(|| {
     .transpose()
 });
 
-/// RRT and ODT of ACES 1.0, fitted by Stephen Hill (BakingLab, ACES.hlsl), between [`ACES_IN`] and [`ACES_OUT`]. Unlike the curve of
-/// Narkowicz 2015, which is for each channel of sRGB, it lets bright colours pale, as the transform that both fit does.
+/// RRT and ODT of ACES 1.0 in Stephen Hill's fit (BakingLab, ACES.hlsl), between [`ACES_IN`] and
+/// [`ACES_OUT`]. Narkowicz's curve (2015) is applied to each channel of sRGB; this one desaturates bright
+/// colours, as the transform does that both approximate.
 fn aces(x: f32) -> f32 {
     (x * (x + 0.024_578_6) - 0.000_090_537) / (x * (0.983_729 * x + 0.432_951) + 0.238_081)
 }
 
-/// The inset of AgX, rows of the matrix of `AgX Log (Kraken)` in config.ocio (Troy Sobotka, AgX, 2022).
+/// Inset of AgX: rows of the matrix of `AgX Log (Kraken)` in config.ocio (Troy Sobotka, AgX, 2022).
 const AGX_INSET: [[f32; 3]; 3] = [
     [0.842_479_06, 0.078_433_6, 0.079_223_745],
     [0.042_328_242, 0.878_468_64, 0.079_166_13],
     [0.042_375_655, 0.078_433_6, 0.879_143],
 ];
 static AGX_IN: LazyLock<Mat3> = LazyLock::new(|| Mat3::from_cols_array_2d(&AGX_INSET).transpose());
-/// The outset undoes the inset on encoded values (Wrensch 2023, *Minimal AgX Implementation*); Sobotka's configuration of 2022 has
-/// none and is paler.
+/// The outset inverts the inset on encoded values (Wrensch 2023, *Minimal AgX Implementation*). Sobotka's
+/// configuration of 2022 has none and gives paler colours.
 static AGX_OUT: LazyLock<Mat3> = LazyLock::new(|| AGX_IN.inverse());
 
-/// Stops of the log encoding around middle grey: log2(0.18) - 10 and log2(0.18) + 6.5 (config.ocio).
+/// Range of the log encoding in stops, around middle grey: log2(0.18) - 10 and log2(0.18) + 6.5
+/// (config.ocio).
 const AGX_STOPS: [f32; 2] = [-12.473_93, 4.026_069];
 
-/// Log encoding and contrast curve of AgX. The curve is that of AgX_Default_Contrast.spi1d in closed form: a line of slope 2 through
-/// (10 / 16.5, 0.5), bent so that it goes through (0, 0) by power 3 and through (1, 1) by power 3.25. The result is the value
-/// that is sent to the display.
+/// Log encoding and contrast curve of AgX. The curve is AgX_Default_Contrast.spi1d in closed form: a line of
+/// slope 2 through (10 / 16.5, 0.5), bent to pass through (0, 0) with power 3 and through (1, 1) with power
+/// 3.25. The result is a display-encoded value.
 fn agx(x: f32) -> f32 {
     const PIVOT: f32 = 10.0 / 16.5;
     let [least, most] = AGX_STOPS;
     let x = ((x.max(f32::MIN_POSITIVE).log2() - least) / (most - least)).clamp(0.0, 1.0);
     let (length, power) = if x < PIVOT { (PIVOT, 3.0) } else { (1.0 - PIVOT, 3.25) };
     let away = 2.0 * (x - PIVOT);
-    // 1 at the pivot, and at the end of the curve what brings the line from 0.5 + 2 * length to 1.
+    // The divisor is 1 at the pivot; at the end of the curve it reduces the line from 0.5 + 2 * length to 1.
     let bend = ((4.0 * length).powf(power) - 1.0) / length.powf(power);
     0.5 + away * (1.0 + bend * (x - PIVOT).abs().powf(power)).powf(-1.0 / power)
 }
 
-/// A function over the leading bits of its argument, linear in between: exact to 1e-3 of a byte.
+/// A function tabulated over the leading bits of its argument with linear interpolation, accurate to 1e-3 of
+/// a byte.
 struct Table(Vec<f32>);
 
 impl Table {
@@ -312,7 +325,7 @@ impl Table {
         ((127 + EXPONENTS.start) as u32) << MANTISSA
     }
 
-    /// Of a value from 0 on.
+    /// Returns the function of a value of at least 0.
     fn look_up(&self, value: f32) -> f32 {
         let bits = value.to_bits();
         let Some(index) = (bits >> BELOW).checked_sub(Self::first()) else { return self.0[0] };
@@ -328,15 +341,15 @@ impl Table {
     }
 }
 
-/// A tone map as a curve for each channel, between two matrices where it mixes them.
+/// A tone map as tables: a curve for each channel, between two matrices if it mixes channels.
 struct Tables {
     curve: Table,
     mixed: Option<(Mat3, Mat3)>,
-    /// What encodes the result, where the curve has not.
+    /// Transfer function of the display, if the curve does not include it.
     encoding: Option<Table>,
 }
 
-/// In the order of [`Tonemap`].
+/// Tables in the order of [`Tonemap`].
 static TABLES: LazyLock<[Tables; 4]> = LazyLock::new(|| {
     Tonemap::ALL.map(|tonemap| match tonemap {
         Tonemap::Clip => Tables { curve: Table::new(srgb_from_linear), mixed: None, encoding: None },
@@ -365,12 +378,13 @@ impl Tables {
 mod tests {
     use super::*;
 
-    /// 8-bit values, unrounded, of a colour by clip, Reinhard, ACES and AgX.
+    /// Colour, and its 8-bit values without rounding by clip, Reinhard, ACES and AgX.
     type Row = ([f32; 3], [[f32; 3]; 4]);
 
-    /// Computed in f64, apart from this program, from what is published: IEC 61966-2-1; Reinhard et al. 2002, eq. 3; the constants of
-    /// Hill's ACES.hlsl and a factor of 1 / 0.6; the matrix of Sobotka's config.ocio, his table AgX_Default_Contrast.spi1d
-    /// (February 2022, 4096 entries, linear in between) and Wrensch's outset matrix.
+    /// Computed in f64, independently of this program, from the published definitions: IEC 61966-2-1;
+    /// Reinhard et al. 2002, eq. 3; the constants of Hill's ACES.hlsl and a factor of 1 / 0.6; the matrix of
+    /// Sobotka's config.ocio, his table AgX_Default_Contrast.spi1d (February 2022, 4096 entries, linear in
+    /// between) and Wrensch's outset matrix.
     const PUBLISHED: [Row; 9] = [
         ([0.18; 3], [[117.65; 3], [108.87; 3], [127.24; 3], [127.5; 3]]),
         ([1.0; 3], [[255.0; 3], [187.52; 3], [226.38; 3], [200.82; 3]]),
@@ -397,7 +411,8 @@ mod tests {
         }
     }
 
-    /// Entries 0, 410, 1024, 1638, 2048, 2482, 3072, 3686 and 4095 of AgX_Default_Contrast.spi1d (sobotka/AgX, February 2022).
+    /// Entries 0, 410, 1024, 1638, 2048, 2482, 3072, 3686 and 4095 of AgX_Default_Contrast.spi1d
+    /// (sobotka/AgX, February 2022).
     #[test]
     fn the_curve_of_agx_is_the_published_table_and_near_the_published_polynomial() {
         let table = [
@@ -417,7 +432,7 @@ mod tests {
             let actual = curve(index as f32 / 4095.0);
             assert!((actual - expected).abs() < 1e-5, "{index}: {actual}, not {expected}");
         }
-        // Wrensch's polynomial of degree 6.
+        // Coefficients of Wrensch's polynomial of degree 6.
         let coefficients = [15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232];
         let square = |i: u16| {
             let x = f32::from(i) / 1000.0;
@@ -427,7 +442,8 @@ mod tests {
         assert!(mean < 1e-5, "{mean}");
     }
 
-    /// The tables are the curves to a hundredth of a byte, so that only what lies between two bytes may become the other one.
+    /// The tables match the curves to a hundredth of a byte, so that only values close to a rounding boundary
+    /// may differ.
     #[test]
     fn pictures_are_what_pixels_are() {
         let value = |i: usize| (i as f32 * 0.01).powi(4) * 1e-3;
@@ -474,7 +490,7 @@ mod tests {
         }
     }
 
-    /// A picture of many luminances: two stops around 0.1.
+    /// A picture with luminances within two stops around 0.1.
     fn room() -> Film {
         let pixel = |i: u32| {
             let value = 0.1 * (((i * 37) % 101) as f32 / 25.0 - 2.0).exp2();

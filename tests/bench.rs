@@ -1,37 +1,12 @@
-//! `bench`: what the program measures, writes and refuses, with contenders of ours and with a peer.
+//! Tests of `bench`: its measurements, its files and its refusals, with our methods and with a peer.
 
 mod common;
 
-use std::path::PathBuf;
 use std::process::{Command, Output};
 
-use lightsheaf::report::FILES;
+use common::folder::Folder;
+use lightsheaf::bench::report::FILES;
 use serde_json::Value;
-
-/// A folder of its own for a test, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lightsheaf-bench-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().to_owned()
-    }
-
-    fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.0.join(name)).unwrap()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn run(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lightsheaf")).args(arguments).env_remove("RUST_LOG").output().unwrap()
@@ -48,7 +23,7 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or(f64::NAN)
 }
 
-/// What a page would fetch: nothing.
+/// Returns the resources that a page would fetch.
 fn fetches(html: &str) -> Vec<&str> {
     let sources = ["src=\"", "href=\"", "url("].into_iter().flat_map(|key| html.split(key).skip(1));
     let mut out: Vec<&str> =
@@ -78,7 +53,7 @@ fn a_benchmark_is_one_whole_report() {
     assert!(said.trim().ends_with("report.html"), "{said}");
     let [html, json, csv, markdown] = FILES.map(|name| folder.read(&format!("out/{name}")));
 
-    // The page: whole, alone, and escaped.
+    // The page is complete, self-contained and escaped.
     assert!(html.starts_with("<!DOCTYPE html>") && html.trim_end().ends_with("</html>"));
     assert_eq!(fetches(&html), Vec::<&str>::new());
     assert_eq!(fetches("<img src=\"a.png\"><link>"), ["a.png", "<link"], "what is not alone is found");
@@ -86,7 +61,7 @@ fn a_benchmark_is_one_whole_report() {
     assert_eq!(html.matches("data:image/png").count(), scenes.len() * (1 + 2 * names.len()));
     assert!(!html.contains("vpl <only>") && html.contains("--reference-budget 1"));
 
-    // Figures: the same in JSON, CSV and Markdown.
+    // JSON, CSV and Markdown have the same figures.
     let report: Value = serde_json::from_str(&json).unwrap();
     let mut rows = csv.lines().skip(1);
     assert_eq!(report["scenes"].as_array().unwrap().len(), scenes.len());
@@ -125,7 +100,7 @@ fn a_benchmark_is_one_whole_report() {
         assert_eq!(markdown.lines().filter(|line| line.starts_with(&format!("| {name} |"))).count(), scenes.len());
     }
 
-    // References are made once.
+    // References are rendered once.
     assert_eq!(std::fs::read_dir(folder.path("cache")).unwrap().count(), 2 * scenes.len());
     succeed(&arguments);
     let again: Value = serde_json::from_str(&folder.read("out/report.json")).unwrap();
@@ -134,7 +109,7 @@ fn a_benchmark_is_one_whole_report() {
     assert!((before / after - 1.0).abs() < 1e-12, "{before} {after}");
 }
 
-/// A floor under a light.
+/// A floor under a point light.
 const SCENE: &str = r#"<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">
 <lookat origin="0, 1, 4" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
 <shape type="rectangle"/><emitter type="point"><point name="position" value="0, 1, 1"/></emitter></scene>"#;
@@ -147,7 +122,7 @@ fn peers_take_part_or_say_why_not() {
     std::fs::write(&scene, SCENE).unwrap();
     let render = ["render", &scene, "-o", &reference, "--size", "24x16", "--method", "reference", "--samples", "16"];
     succeed(&render);
-    // Copies the reference, at 10 milliseconds a sample, up to a picture that is too much for it.
+    // The peer copies the reference, takes 10 ms a sample, and fails beyond a number of samples.
     let copies = format!(
         "copies=sh -c 'echo ready copies; while read a n seed file; do if [ $n -gt 40 ]; then echo error too many; exit; fi; cp {reference} $file; \
          echo done $n $(awk \"BEGIN {{ print $n / 100 }}\"); done'"
@@ -194,7 +169,7 @@ fn peers_take_part_or_say_why_not() {
     let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().file_name()).collect();
     assert_eq!(left.len(), FILES.len(), "pictures of peers are removed: {left:?}");
 
-    // One that breaks down ends alone.
+    // A peer that fails does not end the others.
     let more = arguments.map(|a| if a == "0.3" { "0.6" } else { a });
     assert!(succeed(&more).contains("copies ended early: peer copies: too many"));
 }

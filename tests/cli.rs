@@ -1,44 +1,15 @@
-//! The program itself: what it prints, what it writes, and its exit codes.
+//! Tests of the program: its output, its files and its exit codes.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
+use common::folder::Folder;
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
 use lightsheaf::tonemap::{Grade, Tonemap};
 use serde_json::Value;
 
 mod common;
-
-/// A folder of its own for a test, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lightsheaf-cli-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().to_owned()
-    }
-
-    fn files(&self) -> Vec<String> {
-        let mut files: Vec<String> = std::fs::read_dir(&self.0)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        files.sort();
-        files
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 fn run(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_lightsheaf")).args(arguments).env_remove("RUST_LOG").output().unwrap()
@@ -52,14 +23,15 @@ fn stderr(output: &Output) -> &str {
     std::str::from_utf8(&output.stderr).unwrap()
 }
 
-/// Stdout of a run that has to succeed.
+/// Runs the program, which has to succeed, and returns its stdout.
 fn succeed(arguments: &[&str]) -> String {
     let output = run(arguments);
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", stderr(&output));
     stdout(&output).to_owned()
 }
 
-/// A run that has to end in one error that names `what`, with code 2 and nothing on stdout.
+/// Runs the program, which has to print one error that contains `what`, nothing on stdout, and to exit with
+/// code 2.
 fn fail(arguments: &[&str], what: &str) {
     let output = run(arguments);
     assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr(&output));
@@ -70,7 +42,7 @@ fn fail(arguments: &[&str], what: &str) {
     assert_eq!(stdout(&output), "", "{arguments:?}");
 }
 
-/// The least work that is a picture: 64x64, 4 samples.
+/// Renders 64x64 pixels with 4 samples.
 fn render(output: &str, more: &[&str]) -> Output {
     let small = ["render", "builtin:cornell_point", "-o", output, "--size", "64x64", "--samples", "4"];
     run(&[&small, more].concat())
@@ -93,7 +65,7 @@ fn help_and_version() {
     assert_eq!(succeed(&["--version"]).trim(), format!("lightsheaf {}", env!("CARGO_PKG_VERSION")));
 }
 
-/// Every option that the README shows exists. Commands of cargo's and scripts are not the program's.
+/// The README shows only options that exist. Commands of cargo and of scripts are left out.
 #[test]
 fn readme_shows_real_options() {
     let readme = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
@@ -181,7 +153,7 @@ fn bad_usage_and_scenes_are_one_error() {
 #[test]
 fn bad_outputs_are_found_before_the_scene_is_loaded() {
     let folder = Folder::new("outputs");
-    // If this were loaded first, the error would be about it.
+    // If the scene were loaded first, the error would be about it.
     let scene = folder.path("missing.gltf");
     let [file, jpg] = ["file", "out.jpg"].map(|name| folder.path(name));
     std::fs::write(&file, "").unwrap();
@@ -199,7 +171,7 @@ fn bad_outputs_are_found_before_the_scene_is_loaded() {
     fail(&["render", &scene, "-o", &folder.path("out.png"), "--tonemap", "film"], "clip, reinhard, aces, agx");
     std::fs::create_dir(folder.path("folder.exr")).unwrap();
     fail(&["render", &scene, "-o", &folder.path("folder.exr")], "is a folder");
-    // A folder in which nobody creates files.
+    // Nobody can create files in this folder.
     if Path::new("/proc/self").is_dir() {
         fail(&["render", &scene, "-o", "/proc/out.exr"], "cannot be written");
     }
@@ -223,7 +195,7 @@ fn bad_values_are_named() {
     bad(&["--bounces", "65"], "--bounces 65: has to be 0 to 64");
     bad(&["--bounces", "unlimited"], "raster needs a number");
     bad(&["--bounces", "many"], "neither a whole number nor `unlimited`");
-    bad(&["--method", "guess"], "raster, twin, ray-query, path, reference");
+    bad(&["--method", "guess"], "shared, bdpt, path, reference");
     bad(&["--bundle-resolution", "8"], "--bundle-resolution 8: has to be 16 to 2048");
     bad(&["--light-resolution", "4096"], "--light-resolution 4096");
     bad(&["--vpl-resolution", "1"], "--vpl-resolution 1");
@@ -245,7 +217,7 @@ fn bad_values_are_named() {
     assert!(folder.files().is_empty());
 }
 
-/// `--env` and its like: what is given takes the place of what is there, turns about +Y and is scaled.
+/// `--env` replaces the environment, `--env-rotate` rotates it about +Y, and `--env-scale` scales it.
 #[test]
 fn environments_are_replaced_scaled_and_rotated() {
     let folder = Folder::new("environment");
@@ -261,7 +233,8 @@ fn environments_are_replaced_scaled_and_rotated() {
     let own = mean(&out, &[]);
     assert!((mean(&other, &["--env-scale", "2.5", "--env-rotate", "-30"]) / own - 2.5).abs() < 0.01);
 
-    // Red towards +X, dark elsewhere; a camera that looks along -Z over the scene sees none of it, until it is turned by 90 degrees.
+    // The map is red towards +X and dark elsewhere. A camera that looks along -Z sees none of the red until
+    // the map is rotated by 90 degrees.
     let map = folder.path("map.hdr");
     let texel = |x: u32, _| image::Rgb([0.0, if (12..20).contains(&x) { 2.0 } else { 0.0 }, 0.0_f32]);
     image::Rgb32FImage::from_fn(64, 32, texel).save(&map).unwrap();
@@ -273,11 +246,11 @@ fn environments_are_replaced_scaled_and_rotated() {
         Film::load(&out).unwrap().pixels[5][1]
     };
     assert_eq!(seen(&[]), 0.0);
-    // Counter-clockwise from above: +X comes to -Z.
+    // A rotation is counter-clockwise from above: +X comes to -Z.
     assert!((seen(&["--env-rotate", "90", "--env-scale", "0.5"]) - 1.0).abs() < 0.01);
     assert_eq!(seen(&["--env-rotate", "-90"]), 0.0);
 
-    // A sky is blue above, and its sun makes shadows; a scene without light needs no other.
+    // A clear sky is blue above, its sun casts shadows, and a scene without light needs no other light.
     let sky = mean(&other, &["--env", "sky:40,2.5"]);
     assert!(sky > 0.05 && sky < 2.0, "{sky}");
     let triangle = folder.path("triangle.xml");
@@ -336,7 +309,7 @@ fn the_exposure_that_is_printed_repeats_the_picture() {
     assert!((38..192).contains(&median), "{median}");
 }
 
-/// Frames have the exposure of the first one, so that an animation does not flicker.
+/// All frames have the exposure of the first one, so that an animation does not flicker.
 #[test]
 fn frames_keep_the_exposure_of_the_first() {
     let folder = Folder::new("frames");
@@ -371,7 +344,7 @@ fn raster_renders_exr_png_and_stats() {
     assert_eq!((film.width, film.height, film.non_finite()), (64, 64, 0));
     let mean = |film: &Film| film.pixels.iter().flatten().sum::<f32>() / (film.pixels.len() * 3) as f32;
     assert!(mean(&film) > 0.01, "{}", mean(&film));
-    // The picture at half exposure, to half a step of eight bits in the bright end and clipping.
+    // The PNG is the picture at half exposure, within half a step of eight bits and with clipping.
     let dark = Film::load(&png).unwrap();
     let expected = Film { pixels: film.pixels.iter().map(|p| p.map(|v| (0.5 * v).min(1.0))).collect(), ..film };
     assert!((mean(&dark) / mean(&expected) - 1.0).abs() < 0.01, "{} {}", mean(&dark), mean(&expected));
@@ -392,10 +365,10 @@ fn raster_renders_exr_png_and_stats() {
         assert!(stats["seconds"][phase].as_f64().is_some_and(|s| s >= 0.0), "{phase}");
     }
     assert!(stats["bytes"].as_u64() > Some(64 * 64 * 16) && stats["scene_bytes"].as_u64() > Some(0));
-    let demands = stats["demands"].as_array().unwrap();
-    assert_eq!(demands[0]["view"], "light");
-    assert!(demands.iter().any(|d| d["nodes"].as_u64() > Some(0) && d["items"].as_u64() > Some(0)), "{demands:?}");
-    // Passes that the plan runs are the ones that were timed.
+    let requests = stats["requests"].as_array().unwrap();
+    assert_eq!(requests[0]["view"], "light");
+    assert!(requests.iter().any(|d| d["nodes"].as_u64() > Some(0) && d["items"].as_u64() > Some(0)), "{requests:?}");
+    // The passes that the plan runs are those that were timed.
     let planned = stats["plan"]["passes"].as_array().unwrap();
     assert!(planned.len() > 5);
     if common::gpu().is_some_and(|gpu| gpu.capabilities.timestamps) {
@@ -427,7 +400,7 @@ fn ray_query_methods_render_stats_strategy_images_and_plans() {
             let name = pass["name"].as_str().unwrap();
             assert_eq!(pass["runs"].as_u64() > Some(0), stats["passes"][name]["runs"].as_u64() > Some(0), "{name}");
         }
-        // Each strategy with and without its weight; those with it add up to the picture.
+        // Each strategy has an image with and without its weight; the weighted images add up to the picture.
         let files: Vec<_> = std::fs::read_dir(&images).unwrap().map(|f| f.unwrap().path()).collect();
         assert_eq!(files.len(), 2 * count, "{files:?}");
         let sum = |film: &Film| film.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
@@ -452,7 +425,7 @@ fn the_seed_decides_every_byte() {
     assert!(first == rendered(&b, &[]), "the same seed gives other bytes");
     assert!(first != rendered(&c, &["--seed", "2"]), "another seed gives the same bytes");
 
-    // And these files are what `compare` tells apart.
+    // `compare` tells these files apart.
     let same: Value = serde_json::from_str(&succeed(&["compare", &b, &a, "--json", "--max-rel-mse", "0"])).unwrap();
     for figure in ["mse", "rel_mse", "mean_bias", "p999", "flip", "non_finite"] {
         assert_eq!(same[figure].as_f64(), Some(0.0), "{figure}");
@@ -488,7 +461,7 @@ fn closing_line_and_warnings() {
     assert!(stderr(&result).lines().all(|line| line.starts_with("note: ")), "{}", stderr(&result));
 }
 
-/// Samples double until half of them agree with all; a budget ends that too.
+/// Samples double until half of them agree with all of them, or until the budget ends.
 #[test]
 fn an_error_that_is_asked_for_is_reached() {
     if common::gpu().is_none() {
@@ -516,8 +489,7 @@ fn an_error_that_is_asked_for_is_reached() {
     assert_eq!(render(&["--samples", "2"]).1, None);
 }
 
-/// Without samples, budget and error a picture gets as good as little noise is seen in, also by the
-/// reference.
+/// Without samples, budget and error the render ends at little visible noise, also with the reference.
 #[test]
 fn a_render_without_an_end_has_one() {
     let folder = Folder::new("default-end");
@@ -537,7 +509,7 @@ fn a_render_without_an_end_has_one() {
     let plan = |more: &[&str]| succeed(&[&["plan", "builtin:cornell_point"], more].concat());
     if common::gpu().is_some() {
         let settles =
-            |more: &[&str]| plan(&[&["--interleave", "1"], more].concat()).contains("tiles that have settled");
+            |more: &[&str]| plan(&[&["--interleave", "1"], more].concat()).contains("tiles that have converged");
         assert!(settles(&[]) && !settles(&["--samples", "4"]));
     }
 }
@@ -574,11 +546,11 @@ fn reference_renders_without_a_gpu() {
     assert!(stats["rays"].as_u64() > Some(64 * 64 * 4));
     assert!(stats["plan"].is_null());
 
-    // Another place to stand is another picture; the scene's own place, given by numbers, is the same one.
+    // Another camera position gives another picture; the scene's own position as numbers gives the same.
     let moved = ["--eye", "-0.1,1,3", "--target=0,1,0", "--fov", "30"];
     assert!(first != rendered(&same, &[&reference[..], &moved].concat()));
     assert!(first == rendered(&same, &[&reference[..], &["--camera", "camera"]].concat()));
-    // A lens blurs; one without extent does not.
+    // A lens blurs, unless its radius is 0.
     assert!(first != rendered(&same, &[&reference[..], &["--aperture", "0.1", "--focus", "3"]].concat()));
     assert!(first == rendered(&same, &[&reference[..], &["--aperture", "0"]].concat()));
 }
@@ -587,7 +559,7 @@ fn reference_renders_without_a_gpu() {
 fn compare_tells_images_apart() {
     let folder = Folder::new("compare");
     let [a, b, other_size, map] = ["a.exr", "b.exr", "size.exr", "map.png"].map(|name| folder.path(name));
-    // r = 0.5, x = 0.51: rel_mse 1e-4 / 0.26, bias 2 %.
+    // With r = 0.5 and x = 0.51, rel_mse is 1e-4 / 0.26 and the bias 2 %.
     let gray = |width: u32, value: f32| Film { width, height: 16, pixels: vec![[value; 3]; width as usize * 16] };
     gray(16, 0.5).save(&a).unwrap();
     gray(16, 0.51).save(&b).unwrap();
@@ -609,7 +581,7 @@ fn compare_tells_images_apart() {
     fail(&["compare", &folder.path("none.exr"), &a], "none.exr");
     fail(&["compare", &b, &a, "--heatmap", &folder.path("map.exr")], ".png");
 
-    // An image with a hole is within no threshold.
+    // An image with a value that is not finite passes no threshold.
     let mut hole = gray(16, 0.5);
     hole.pixels[3][1] = f32::NAN;
     hole.save(&b).unwrap();

@@ -1,7 +1,7 @@
-//! Ten thousand mutated files: no loader panics, hangs, or takes more memory than its file explains.
+//! Ten thousand mutated files make no loader panic, hang, or allocate more memory than the file explains.
 //!
-//! Seeded, so that every run loads the same files; a failure names the round, and leaves the file where it was loaded from.
-//! `FUZZ_ROUNDS` asks for another number, `FUZZ_SEED` for other files.
+//! The generator is seeded, so that every run loads the same files. A failure names the round and leaves the
+//! file where it was loaded from. `FUZZ_ROUNDS` sets another number, `FUZZ_SEED` other files.
 
 mod common;
 
@@ -19,15 +19,15 @@ use serde_json::json;
 
 /// Files that are loaded, of both formats together.
 const ROUNDS: u64 = 10_000;
-/// No file may take longer.
+/// Time limit for one file.
 const TIME_LIMIT: Duration = Duration::from_secs(5);
-/// Memory beside four times the file: stacks, the allocator's own, threads.
+/// Memory beside four times the file, for stacks, the allocator and threads.
 const MEMORY_FLOOR: u64 = 32 << 20;
 
-/// A file that loads, with those beside it; the first is what is asked for.
+/// A file that loads, with the files beside it; the first one is loaded.
 type Seed = Vec<(&'static str, Vec<u8>)>;
 
-/// A PNG of 2 x 2.
+/// Returns a PNG of 2 x 2 pixels.
 fn png() -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let image = image::RgbaImage::from_fn(2, 2, |x, y| image::Rgba([200 * x as u8, 90 * y as u8, 30, 255]));
@@ -39,7 +39,8 @@ fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-/// A scene with something of everything that the loader reads: the JSON without its buffer, and the buffer.
+/// Returns a scene that uses every feature that the loader reads: the JSON without its buffer, and the
+/// buffer.
 fn gltf_parts() -> (serde_json::Value, Vec<u8>) {
     let mut data = Vec::new();
     let mut views = Vec::new();
@@ -113,7 +114,7 @@ fn gltf_parts() -> (serde_json::Value, Vec<u8>) {
     (json, data)
 }
 
-/// The same scene as text and as a binary file.
+/// Returns the same scene as text and as a binary file.
 fn gltf_seeds() -> Vec<Seed> {
     let (mut json, data) = gltf_parts();
     let encoded = base64::engine::general_purpose::STANDARD.encode(&data);
@@ -181,7 +182,8 @@ fn mitsuba_seeds() -> Vec<Seed> {
     ]]
 }
 
-/// Mitsuba's own format, version 4: a triangle in single precision, compressed, then the dictionary of one shape.
+/// Returns Mitsuba's own format, version 4: a triangle in single precision, compressed, then the dictionary
+/// of one shape.
 fn serialized() -> Vec<u8> {
     let mut body = Vec::new();
     body.extend(0x1000_u32.to_le_bytes());
@@ -199,10 +201,10 @@ fn serialized() -> Vec<u8> {
     out
 }
 
-/// What parsers trip over.
+/// Texts that parsers tend to fail on.
 const SPICE: &[&str] =
     &["\"", "<", ">", "$", "$size", "[", "]", "{", "}", "null", "true", "\\u0000", "/", "\n", "..", "\u{ff}", "-1"];
-/// Numbers that are no counts, no indices or no coordinates.
+/// Numbers that are not valid as counts, indices or coordinates.
 const NUMBERS: &[&str] = &[
     "-1",
     "0",
@@ -226,7 +228,7 @@ const NUMBERS: &[&str] = &[
 const WORDS: &[u32] =
     &[0, 1, 0x7f, 0xff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7f80_0000, 0x7fc0_0000, 0x0001_0000, 4096];
 
-/// Puts odd numbers where some were; less often changes, removes, doubles, moves or inserts a few bytes.
+/// Replaces numbers by odd ones; less often changes, removes, doubles, moves or inserts a few bytes.
 fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
     for _ in 0..=random.below(2) {
         if bytes.is_empty() {
@@ -236,7 +238,7 @@ fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
         let end = (at + 1 + random.below(24)).min(bytes.len());
         match random.below(20) {
             0..=9 => {
-                // The next number, whole.
+                // The whole of the next number is replaced.
                 let is_part = |b: &u8| b.is_ascii_digit() || matches!(b, b'.' | b'-');
                 let Some(from) = bytes[at..].iter().position(u8::is_ascii_digit).map(|i| at + i) else { continue };
                 let to = bytes[from..].iter().position(|b| !is_part(b)).map_or(bytes.len(), |i| from + i);
@@ -264,11 +266,11 @@ fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
     }
 }
 
-/// Resident memory in bytes, the most since the last [`Peak::begin`]; none where the system does not tell.
+/// Peak of resident memory in bytes since the last [`Peak::begin`]; none if the system does not report it.
 struct Peak;
 
 impl Peak {
-    /// Forgets the most; gives what there is now.
+    /// Resets the peak and returns the present value.
     fn begin() -> Option<u64> {
         std::fs::write("/proc/self/clear_refs", "5").ok()?;
         Self::most()
@@ -281,9 +283,9 @@ impl Peak {
     }
 }
 
-/// Ends the process where a file takes too long: there is no other way out of an endless loop.
+/// Ends the process if a file takes too long, since an endless loop cannot be ended otherwise.
 struct Watchdog {
-    /// Milliseconds since the start at which the file has to be loaded; 0: none is being.
+    /// Milliseconds since the start at which the file has to be loaded; 0 while none is being loaded.
     deadline: AtomicU64,
     began: Instant,
     file: Mutex<String>,
@@ -316,7 +318,7 @@ impl Watchdog {
     }
 }
 
-/// What became of a file.
+/// Result for a file.
 #[derive(Debug, PartialEq)]
 enum Outcome {
     Loaded,
@@ -324,7 +326,7 @@ enum Outcome {
     Wrong(String),
 }
 
-/// Loads and flattens a file of so many bytes, by whatever loads it.
+/// Loads and flattens a file of the given size with the given loader.
 fn outcome(load: impl FnOnce() -> Result<usize, String>, bytes: u64) -> Outcome {
     let before = Peak::begin();
     let began = Instant::now();
@@ -341,12 +343,12 @@ fn outcome(load: impl FnOnce() -> Result<usize, String>, bytes: u64) -> Outcome 
     }
 }
 
-/// Peaks of memory are the whole process's.
+/// The peak is that of the whole process, so that loads take turns.
 static ONE: Mutex<()> = Mutex::new(());
 
 fn load(path: &Path) -> Result<usize, String> {
     let mut scene = scene::load(path.to_str().unwrap()).map_err(|e| e.to_string())?;
-    // A mutated count may well mean a large scene; what flattening it takes is no matter of the loader.
+    // A mutated count may describe a large scene; the memory of flattening it is not the loader's.
     let triangles: usize = scene.instances.iter().map(|i| scene.meshes[i.mesh].triangles.len()).sum();
     if triangles >= 10_000 {
         return Ok(triangles);
@@ -366,7 +368,8 @@ fn folder(name: &str) -> PathBuf {
     path
 }
 
-/// Loads mutations of seeds, each with one file that differs; how many loaded and how many were refused.
+/// Loads mutations of seeds, each with one changed file, and returns how many loaded and how many were
+/// refused.
 fn fuzz(name: &str, seeds: &[Seed], rounds: u64) -> [u64; 2] {
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let dog = Watchdog::start();
@@ -382,7 +385,7 @@ fn fuzz(name: &str, seeds: &[Seed], rounds: u64) -> [u64; 2] {
     for round in 0..rounds {
         let which = random.below(seeds.len() as u64);
         let (seed, folder) = (&seeds[which], &folders[which]);
-        // Half of all mutations are of the file that is asked for.
+        // Half of all mutations change the file that is loaded; the others change one beside it.
         let at = if random.below(2) == 0 { 0 } else { random.below(seed.len() as u64) };
         let (file, original) = &seed[at];
         let mut bytes = original.clone();
@@ -411,7 +414,7 @@ fn fuzz(name: &str, seeds: &[Seed], rounds: u64) -> [u64; 2] {
 fn mutated_gltf() {
     let rounds = number("FUZZ_ROUNDS", ROUNDS) / 2;
     let [loaded, refused] = fuzz("gltf", &gltf_seeds(), rounds);
-    // Mutations that nothing notices, and others that are errors, are both among them.
+    // Some mutations must load and others must be refused.
     assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
 }
 
@@ -422,7 +425,7 @@ fn mutated_mitsuba() {
     assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
 }
 
-/// The judge of the above sees what it should.
+/// The checks find a planted panic, an error without a cause, a slow load and a large allocation.
 #[test]
 fn planted_faults_are_seen() {
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -438,13 +441,13 @@ fn planted_faults_are_seen() {
         100,
     );
     assert!(matches!(&slow, Outcome::Wrong(what) if what.contains("took")), "{slow:?}");
-    // As much again as is allowed, touched, and given back.
+    // This allocates and touches as much again as is allowed, and frees it.
     let large = || Ok(vec![1_u8; 2 * MEMORY_FLOOR as usize].iter().map(|b| usize::from(*b)).sum());
     match Peak::begin() {
         Some(_) => assert!(matches!(outcome(large, 100), Outcome::Wrong(what) if what.contains("bytes of memory"))),
         None => println!("skipped: this system does not tell how much memory was used"),
     }
-    // Mutation changes files, the same ones for the same seed.
+    // Mutation changes files, and changes them in the same way for the same seed.
     let of = |seed| {
         let mut bytes = b"v 0 0 0\nf 1 2 3\n".to_vec();
         mutate(&mut Random(seed), &mut bytes);

@@ -1,54 +1,58 @@
-//! Regression guard that asks no clock: error at fixed samples and seed, and how much work was asked for, scene by scene and method by
-//! method, against tests/guard.json.
+//! Regression guard without a clock: rel_mse at fixed samples and seed, and the work asked of the device, for
+//! each scene and method, against tests/guard.json.
 //!
-//! A figure may move by its tolerance, stored in the same file, in either direction: what got better by more should be written down as
-//! well. UPDATE_GUARD=1 rewrites the figures, and the change of that file is the summary of what changed.
+//! A figure may change by its tolerance, stored in the same file, in either direction, so that improvements
+//! are recorded as well. UPDATE_GUARD=1 rewrites the figures and fails; the difference of that file is the
+//! summary of the change.
 //!
-//! tests/guard/NAME.exr are the references, 64x64, two bounces, by
-//! `lightsheaf render builtin:NAME --size 64x64 --method METHOD --samples N --seed 77`: cornell_point and cornell_area by `reference` with
-//! 16384 samples, corner_spikes and point_hall_1000 by `ray-query` with 4096, since paths from the camera hardly find their light.
+//! tests/guard/NAME.exr are the references, 64x64, two bounces, by `lightsheaf render builtin:NAME --size
+//! 64x64 --method METHOD --samples N --seed 77`: cornell_point and cornell_area by `reference` with 16384
+//! samples, corner_spikes and point_hall_1000 by `ray-query` with 4096, since paths from the camera hardly
+//! find their light.
 
 mod common;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use common::{gpu, gpu_with_ray_queries};
+use common::{gpu, gpu_with_ray_queries, is_set, rewritten};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::compare;
-use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::renderer::{Progressive, Renderer};
+use lightsheaf::render::renderer::Renderer;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::builtin;
-use lightsheaf::settings::{Method, Settings, Visibility};
+use lightsheaf::settings::{Settings, Technique};
 use serde::{Deserialize, Serialize};
 
-/// Built-in scenes: point light, area light, light that is hard to find, many lights.
+/// Built-in scenes with a point light, an area light, light that is hard to find, and many lights.
 const SCENES: [&str; 4] = ["cornell_point", "cornell_area", "corner_spikes", "point_hall:1000"];
 
 /// Figures by name.
 type Figures = BTreeMap<String, f64>;
 
-/// tests/guard.json.
+/// Contents of tests/guard.json.
 #[derive(Serialize, Deserialize)]
 struct Guard {
-    /// Share of itself by which each figure may move.
+    /// Relative change that each figure may have.
     tolerances: Figures,
     /// Figures of each scene and method.
     figures: BTreeMap<String, Figures>,
 }
 
 fn methods() -> [(&'static str, Settings); 5] {
-    // With room for all lists: what an iteration that has to be redone wanted of later views depends on which nodes were lost.
+    // Lists have capacity from the start, since the requests of a redone iteration depend on the nodes that
+    // were lost.
     let base = Settings { width: 64, height: 64, samples: 32, seed: 1, ..Settings::plain() };
     let raster = Settings { list_room: 4.0, ..base.clone() };
-    let of = |method| Settings { method, ..base.clone() };
+    let of = |technique| Settings { technique, ..base.clone() };
     [
         ("raster", raster.clone()),
-        ("raster fast", Settings { visibility: Visibility::Fast, ..raster }),
-        ("twin", of(Method::Twin)),
-        ("ray-query", of(Method::RayQuery)),
-        ("path", of(Method::Path)),
+        ("raster fast", Settings { technique: Technique::FAST, ..raster }),
+        ("twin", of(Technique::TWIN)),
+        ("ray-query", of(Technique::RAY_QUERY)),
+        ("path", of(Technique::PATH)),
     ]
 }
 
@@ -56,13 +60,13 @@ fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name)
 }
 
-/// Renders on a device of its own, whose ledger nobody else writes.
+/// Renders on a device of its own, so that its ledger counts nothing else.
 fn measure(scene: &str, settings: &Settings) -> Figures {
     let reference = Film::load(file("guard").join(scene.replace(':', "_")).with_extension("exr")).unwrap();
     let scene = builtin::load(scene).unwrap();
-    let gpu = if settings.method.traces_rays() { Gpu::with_ray_queries() } else { Gpu::new() }.unwrap();
-    let mut renderer: Box<dyn Progressive + '_> = if settings.method.shares_subpaths() {
-        Box::new(Renderer::new(&gpu, &scene, settings).unwrap())
+    let gpu = if settings.technique.needs_ray_queries() { Gpu::with_ray_queries() } else { Gpu::new() }.unwrap();
+    let mut renderer: Box<dyn Renderer + '_> = if settings.technique.shares_subpaths() {
+        Box::new(SharedRenderer::new(&gpu, &scene, settings).unwrap())
     } else {
         Box::new(PathRenderer::new(&gpu, &scene, settings).unwrap())
     };
@@ -70,7 +74,7 @@ fn measure(scene: &str, settings: &Settings) -> Figures {
     let (film, stats, counts) = (renderer.film().unwrap(), renderer.stats(), gpu.ledger.counts());
     let (recorded, pipelines) = (counts.recorded(), counts.pipelines.values().sum::<u64>());
     let structures = counts.acceleration_structures.values().sum::<u64>();
-    let nodes = stats.demands.iter().map(|[_, nodes]| u64::from(*nodes)).sum::<u64>();
+    let nodes = stats.requests.iter().map(|view| u64::from(view.nodes)).sum::<u64>();
     assert_eq!((stats.non_finite, stats.lost_nodes), (0, 0));
     let counted = [
         ("pipelines", pipelines),
@@ -86,7 +90,7 @@ fn measure(scene: &str, settings: &Settings) -> Figures {
     figures
 }
 
-/// What moved by more than its tolerance, or is on one side only.
+/// Returns the figures that changed by more than their tolerance or exist on one side only.
 fn moved(tolerances: &Figures, stored: &Figures, now: &Figures) -> Vec<String> {
     let names: std::collections::BTreeSet<_> = stored.keys().chain(now.keys()).collect();
     let judge = |name: &String| {
@@ -94,7 +98,7 @@ fn moved(tolerances: &Figures, stored: &Figures, now: &Figures) -> Vec<String> {
         else {
             return Some(format!("{name}: is missing in the file or among what was measured"));
         };
-        // NaN is within nothing.
+        // NaN is within no tolerance.
         let within = (now - stored).abs() <= tolerance * stored;
         (!within).then(|| format!("{name}: {stored} was {now} now, more than {} % apart", 100.0 * tolerance))
     };
@@ -111,7 +115,7 @@ fn error_and_work_are_what_they_were() {
     let (mut changed, mut measured) = (Vec::new(), BTreeMap::new());
     for scene in SCENES {
         for (name, settings) in methods() {
-            if settings.method.traces_rays() && gpu_with_ray_queries().is_none() {
+            if settings.technique.needs_ray_queries() && gpu_with_ray_queries().is_none() {
                 continue;
             }
             let key = format!("{scene}, {name}");
@@ -122,10 +126,10 @@ fn error_and_work_are_what_they_were() {
         }
     }
     assert!(measured.len() >= 2 * SCENES.len());
-    if std::env::var("UPDATE_GUARD").as_deref() == Ok("1") {
+    if is_set("UPDATE_GUARD") {
         guard.figures = measured;
         std::fs::write(&path, serde_json::to_string_pretty(&guard).unwrap() + "\n").unwrap();
-        return;
+        rewritten("UPDATE_GUARD", &path);
     }
     assert!(
         changed.is_empty(),
@@ -146,7 +150,7 @@ fn planted_regressions_are_found() {
     }
     assert_eq!(moved(&tolerances, &Figures::new(), &stored).len(), 2, "what is new is named");
 
-    // A strategy that is left out, and a sample too few, move what is measured.
+    // A missing strategy and a missing sample change the figures.
     if gpu().is_none() {
         return;
     }

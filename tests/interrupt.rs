@@ -1,27 +1,28 @@
-//! Ctrl-C and SIGTERM: `render` writes the picture that it has and ends with code 130, the second signal ends
-//! it at once.
+//! Tests of Ctrl-C and SIGTERM: `render` writes the picture that it has and exits with code 130; the second
+//! signal ends it at once.
 //!
-//! `INTERRUPTIONS=50 cargo test --test interrupt` interrupts so many renders instead of a few.
+//! `INTERRUPTIONS=50 cargo test --test interrupt` sets the number of renders that are interrupted.
 #![cfg(unix)]
 
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use common::folder::Folder;
 use lightsheaf::film::Film;
 use serde_json::Value;
 
 mod common;
 
-/// Renders that are interrupted; each has its turn of the cases.
-const INTERRUPTIONS: u64 = 10;
+/// Renders that are interrupted; the cases take turns.
+const INTERRUPTIONS: u64 = 8;
 
-/// Time in which an interrupted render of this size has to end, on a machine that does other work too.
+/// Time in which an interrupted render of this size has to end on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What is interrupted: none of it ends by itself within the test.
+/// Options of the renders. None of them ends by itself within the test.
 const CASES: [&[&str]; 8] = [
     &["builtin:cornell_point", "--method", "raster", "--samples", "16000000"],
     &["builtin:cornell_area", "--method", "reference", "--samples", "16000000"],
@@ -33,33 +34,6 @@ const CASES: [&[&str]; 8] = [
     &["builtin:cornell_point", "--method", "reference", "--target-error", "1e-8"],
 ];
 
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lightsheaf-interrupt-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).to_str().unwrap().to_owned()
-    }
-
-    fn files(&self) -> Vec<String> {
-        let entries = std::fs::read_dir(&self.0).unwrap();
-        let mut files: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-        files.sort();
-        files
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 /// Starts a render and waits until it handles signals.
 fn start(arguments: &[&str]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsheaf"));
@@ -70,7 +44,7 @@ fn start(arguments: &[&str]) -> Child {
         sleep(Duration::from_millis(500));
         return child;
     }
-    // Bits of the signals that have a handler: SIGINT is 2, SIGTERM 15.
+    // The mask has a bit for each signal with a handler: SIGINT is 2, SIGTERM 15.
     let handles = |text: &str| {
         let mask = text.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap_or_default();
         u64::from_str_radix(mask.trim(), 16).unwrap_or_default() & 0x4002 == 0x4002
@@ -88,7 +62,7 @@ fn send(child: &Child, signal: &str) {
     assert!(Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success());
 }
 
-/// How a render ended, and its stderr. One that does not end is killed.
+/// Returns the exit status of a render and its stderr. A render that does not end is killed.
 fn wait(mut child: Child) -> (ExitStatus, String) {
     let began = Instant::now();
     let status = loop {
@@ -107,7 +81,7 @@ fn wait(mut child: Child) -> (ExitStatus, String) {
     (status, text)
 }
 
-/// Holds a picture and its statistics against what an interrupted render has to leave. Returns the number of
+/// Checks the picture and the statistics that an interrupted render leaves, and returns the number of
 /// samples.
 fn check(folder: &Folder, out: &str, text: &str) -> u64 {
     let stats: Value = serde_json::from_str(&std::fs::read_to_string(folder.path("stats.json")).unwrap()).unwrap();
@@ -129,13 +103,13 @@ fn an_interrupted_render_writes_what_it_has() {
     }
     let count = std::env::var("INTERRUPTIONS").map_or(INTERRUPTIONS, |count| count.parse().unwrap());
     assert!(count >= CASES.len() as u64);
-    // A linear congruential generator: the same times in every run.
+    // The linear congruential generator gives the same times in every run.
     let mut random = 1_u64;
     let (mut few, mut many) = (0, 0);
     for (n, case) in (0..count).zip(CASES.iter().cycle()) {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        // During set-up as well as during the first batches.
-        let delay = Duration::from_millis((random >> 33) % 4000);
+        // Signals come during set-up as well as during the first batches.
+        let delay = Duration::from_millis((random >> 33) % 2500);
         let folder = Folder::new("render");
         let out = folder.path(if n % 2 == 0 { "out.exr" } else { "out.png" });
         let json = folder.path("stats.json");

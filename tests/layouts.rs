@@ -1,29 +1,37 @@
 //! Structs that shaders read have the same names, offsets and sizes in Rust. Needs no GPU.
 
-use std::collections::BTreeMap;
+mod common;
 
-use lightsheaf::gpu::link;
-use lightsheaf::layouts;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use common::shaders::{self, Described};
+use lightsheaf::gpu::{Flag, Source, link_source};
+use lightsheaf::render::layouts;
 use wgpu::naga;
 
-type Described = (&'static str, &'static str, usize, Vec<(&'static str, usize)>);
-
-/// Fields that the host knows only by place and size: name of the struct and of the field.
+/// Fields of which the host knows only place and size: name of the struct and of the field.
 const OPAQUE: &[(&str, &str)] = &[("LightVertex", "bsdf")];
 
-fn parse(shader: &str, flags: &[&str]) -> naga::Module {
-    let source = link(shader, flags).unwrap();
+/// Structs of the library's shaders and of the tests' own.
+fn all() -> Vec<Described> {
+    [layouts::all(), shaders::structs()].concat()
+}
+
+fn parse(shader: &str, flags: &[Flag]) -> naga::Module {
+    let module = shaders::find(shader).unwrap_or(Source::Embedded(shader));
+    let source = link_source(&module, flags).unwrap();
     naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{shader}: {}", e.emit_to_string(&source)))
 }
 
-/// What differs between a struct here and in a shader.
+/// Returns the differences between a struct here and in a shader.
 fn differences(described: &Described, module: &naga::Module) -> Vec<String> {
     let (name, _, size, fields) = described;
     let found = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name));
     let Some((handle, ty)) = found else { return vec![format!("{name}: not in the shader")] };
     let naga::TypeInner::Struct { members, span } = &ty.inner else { return vec![format!("{name}: no struct")] };
     let mut out = Vec::new();
-    // The size of an element: WGSL rounds it up to the alignment, and so must the host.
+    // WGSL rounds the size of an array's element up to its alignment, and so must the host.
     let mut layouter = naga::proc::Layouter::default();
     layouter.update(module.to_ctx()).unwrap();
     let stride = layouter[handle].to_stride() as usize;
@@ -35,7 +43,7 @@ fn differences(described: &Described, module: &naga::Module) -> Vec<String> {
     if theirs != *fields {
         out.push(format!("{name}: fields are {fields:?} here and {theirs:?} in the shader"));
     }
-    // A field ends where the next one begins, at the latest; what is left between them must be declared padding.
+    // A field ends where the next one begins; padding between them has to be declared.
     let ends = fields.iter().skip(1).map(|f| f.1).chain([*size]);
     for (member, end) in members.iter().zip(ends) {
         let field = member.name.as_deref().unwrap_or_default();
@@ -49,14 +57,16 @@ fn differences(described: &Described, module: &naga::Module) -> Vec<String> {
 
 #[test]
 fn structs_agree_with_the_shaders() {
-    let all = layouts::all();
-    assert!(all.len() >= 11, "{}", all.len());
+    let all = all();
+    assert!(all.len() >= 40, "{}", all.len());
     let mut modules = BTreeMap::new();
     for described in &all {
         let module = modules.entry(described.1).or_insert_with(|| {
-            let flags = ["TEXTURES", "GLOSSY", "MASKS", "LIGHT_TREE", "SKINS", "MORPHS", "WAVES"];
-            // What looks back is nowhere without.
-            let reuse: &[&str] = if described.1 == "light_reuse" { &["CHOOSE", "REUSE"] } else { &[] };
+            let flags =
+                [Flag::Textures, Flag::Glossy, Flag::Masks, Flag::LightTree, Flag::Skins, Flag::Morphs, Flag::Waves];
+            // The pass links only with reuse.
+            let reuse: &[Flag] =
+                if described.1 == "shared/light/light_reservoirs" { &[Flag::Choose, Flag::Reuse] } else { &[] };
             parse(described.1, &[&flags, reuse].concat())
         });
         assert!(!described.3.is_empty());
@@ -65,13 +75,22 @@ fn structs_agree_with_the_shaders() {
     }
 }
 
-/// Every array in a buffer steps by a multiple of 16 bytes or by its element's size, so that `cast_slice` may fill it.
+/// Every array in a buffer steps by a multiple of 16 bytes or by its element's size, so that `cast_slice` may
+/// fill it.
 #[test]
 fn arrays_in_buffers_are_dense() {
-    let sizes: BTreeMap<&str, usize> = layouts::all().iter().map(|d| (d.0, d.2)).collect();
+    let sizes: BTreeMap<&str, usize> = all().iter().map(|d| (d.0, d.2)).collect();
     let mut seen = Vec::new();
-    for shader in ["connect", "extend", "eye_vertices", "light_subpath", "accumulate", "queries", "view_setup"] {
-        let module = parse(shader, &["TEXTURES", "GLOSSY", "MASKS", "EMISSION", "ENVIRONMENT"]);
+    for shader in [
+        "shared/paths/connect",
+        "shared/paths/extend",
+        "shared/camera/eye_vertices",
+        "shared/light/light_subpath",
+        "shared/film/accumulate",
+        "shared/views/view_setup",
+        "queries",
+    ] {
+        let module = parse(shader, &[Flag::Textures, Flag::Glossy, Flag::Masks, Flag::Emission, Flag::Environment]);
         for (_, variable) in module.global_variables.iter() {
             let naga::TypeInner::Array { base, stride, .. } = module.types[variable.ty].inner else { continue };
             let Some(name) = &module.types[base].name else { continue };
@@ -81,15 +100,39 @@ fn arrays_in_buffers_are_dense() {
             }
         }
     }
-    for name in ["Attributes", "Triangle", "Material", "TextureUse", "LightVertex", "EyeVertex", "Demand", "Query"] {
-        assert!(seen.iter().any(|s| s == name), "no array of {name} was met");
+    for name in ["Attributes", "Triangle", "Material", "TextureUse", "LightVertex", "EyeVertex", "ListRequest", "Query"]
+    {
+        assert!(seen.iter().any(|s| s == name), "no buffer holds an array of {name}");
+    }
+}
+
+/// Returns the value of `const NAME = VALUE;` in a shader file, if it is a whole number.
+fn constant(text: &str, name: &str) -> Option<u32> {
+    let (_, rest) = text.split_once(&format!("const {name} = "))?;
+    let value = rest.split(';').next()?.trim().strip_suffix('u')?;
+    match value.strip_prefix("0x") {
+        Some(hexadecimal) => u32::from_str_radix(hexadecimal, 16).ok(),
+        None => value.parse().ok(),
     }
 }
 
 #[test]
+fn constants_agree_with_the_shaders() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
+    let constants = layouts::constants();
+    assert!(constants.len() >= 20, "{}", constants.len());
+    for (file, name, value) in constants {
+        let text = std::fs::read_to_string(root.join(file).with_extension("wesl")).unwrap();
+        assert_eq!(constant(&text, name), Some(value), "{name} of {file}");
+    }
+    assert_eq!(constant("const A = 1u;\n@if(X) const B = 0xffu;", "B"), Some(255));
+    assert_eq!(constant("const A = 1u;", "B"), None, "a missing constant is found");
+}
+
+#[test]
 fn planted_mismatches_are_found() {
-    let all = layouts::all();
-    let module = parse("connect", &["TEXTURES", "GLOSSY", "MASKS"]);
+    let all = all();
+    let module = parse("shared/paths/connect", &[Flag::Textures, Flag::Glossy, Flag::Masks]);
     let material = all.iter().find(|d| d.0 == "Material").unwrap();
     assert_eq!(differences(material, &module), Vec::<String>::new());
     let planted = |change: fn(&mut Described)| {

@@ -1,12 +1,13 @@
-//! Files that are wrong: every one is an error with file, place and cause, and never a panic, a hang or a full memory.
+//! Malformed files give an error with file, place and cause, and never a panic, a hang or exhausted memory.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use lightsheaf::scene::{Geometry, LoadError, mitsuba};
+use lightsheaf::scene::load::mitsuba;
+use lightsheaf::scene::{Geometry, LoadError};
 
-/// No file may take longer.
+/// Time limit for one file.
 const TIME_LIMIT: Duration = Duration::from_secs(5);
 
 fn folder() -> PathBuf {
@@ -18,7 +19,7 @@ fn folder() -> PathBuf {
     path
 }
 
-/// The error of a scene whose body starts in line 2, with other files beside it.
+/// Returns the error of a scene whose body starts in line 2, with other files beside it.
 fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
     let folder = folder();
     for (name, bytes) in files {
@@ -35,7 +36,7 @@ fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
     }
 }
 
-/// Checks that an error names the file, the place and something of the cause.
+/// Checks that an error names the file, the place and part of the cause.
 fn check(error: &LoadError, file: &str, place: &str, cause: &str) {
     assert!(error.path.ends_with(file), "{error}: not in {file}");
     assert_eq!(error.place.as_deref().unwrap_or_default(), place, "{error}");
@@ -197,11 +198,11 @@ fn cycles_and_depth_are_errors() {
     let group = "<shape type=\"shapegroup\" id=\"g\"><shape type=\"instance\"><ref id=\"g\"/></shape></shape>\
                  <shape type=\"instance\"><ref id=\"g\"/></shape>";
     check(&error(group, &[]), "scene.xml", "line 2", "cannot contain");
-    // Forty doublings of one byte.
+    // The text doubles one byte forty times.
     let doubling = |i: usize| format!("<default name=\"p{i:02}\" value=\"$p{:02}$p{:02}\"/>", i - 1, i - 1);
     let bomb = "<default name=\"p00\" value=\"x\"/>".to_owned() + &(1..40).map(doubling).collect::<String>();
     check(&error(&bomb, &[]), "scene.xml", "line 2", "grows beyond");
-    // A thousand instances of fifty meshes of eight thousand triangles.
+    // A thousand instances of fifty meshes have eight thousand triangles each.
     let spheres = "<shape type=\"sphere\"/>".repeat(50);
     let instances = "<shape type=\"instance\"><ref id=\"g\"/></shape>".repeat(1000);
     let many = format!("<shape type=\"shapegroup\" id=\"g\">{spheres}</shape>{instances}");
@@ -243,7 +244,7 @@ fn wrong_ply_files_are_errors_with_their_place() {
         );
         check(&error, "m.ply", place, "");
     }
-    // A binary list that promises two thousand million corners.
+    // A binary list claims two thousand million corners.
     let mut list = PLY_HEAD.replace("ascii", "binary_little_endian").replace("uchar int", "uint int").into_bytes();
     list.extend([0; 36]);
     list.extend(2_000_000_000_u32.to_le_bytes());
@@ -307,7 +308,7 @@ fn wrong_pictures_and_skies_are_errors() {
     check(&error(&sky("s.hdr"), &[("s.hdr", huge)]), "s.hdr", "", "cannot be decoded");
 }
 
-/// A generator of test numbers: PCG-XSH-RR 64/32 (O'Neill 2014).
+/// Generator of test numbers: PCG-XSH-RR 64/32 (O'Neill 2014).
 struct Random(u64);
 
 impl Random {
@@ -390,6 +391,6 @@ fn mutated_files_never_panic() {
             }
         }
     }
-    // Mutations that nothing notices, and others that are errors, are both among them.
+    // Some mutations must load and others must be refused.
     assert!(loaded > 50 && refused > 200, "{loaded} loaded, {refused} refused");
 }

@@ -1,4 +1,4 @@
-//! The look-out for values that are not finite names the pass that they come from, for each pass.
+//! The check for values that are not finite names the pass that wrote them, for each pass.
 
 mod common;
 
@@ -9,16 +9,17 @@ use common::scenes::{add, emitter, floor, parallel, pinhole, room};
 use common::{gpu, gpu_with_ray_queries};
 use glam::Vec3;
 use lightsheaf::gpu::Gpu;
-use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::renderer::{Progressive as _, Renderer};
+use lightsheaf::render::renderer::Renderer as _;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{Light, Material, Scene, builtin};
-use lightsheaf::settings::{LightSampling, Method, Settings, Strategies};
+use lightsheaf::settings::{LightSampling, Settings, Strategies, Technique};
 
-/// Values that were not finite by pass.
+/// Returns the number of values that were not finite, by pass.
 fn counts(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<(&'static str, u64)> {
     gpu.non_finite.watch(gpu, true);
-    if settings.method.shares_subpaths() {
-        Renderer::new(gpu, scene, settings).unwrap().render(2, &mut |_| true).unwrap();
+    if settings.technique.shares_subpaths() {
+        SharedRenderer::new(gpu, scene, settings).unwrap().render(2, &mut |_| true).unwrap();
     } else {
         PathRenderer::new(gpu, scene, settings).unwrap().render(2, &mut |_| true).unwrap();
     }
@@ -27,8 +28,8 @@ fn counts(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<(&'static str, u
     counts
 }
 
-fn settings(method: Method) -> Settings {
-    Settings { method, width: 8, height: 8, ..Settings::plain() }
+fn settings(technique: Technique) -> Settings {
+    Settings { technique, width: 8, height: 8, ..Settings::plain() }
 }
 
 fn room_with(light: Option<Light>) -> Scene {
@@ -42,7 +43,7 @@ fn lamp(intensity: f32) -> Light {
     Light::Point { position: Vec3::new(0.1, 0.7, -0.2), intensity: Vec3::new(1.0, intensity, 1.0) }
 }
 
-/// Renders that are watched take turns.
+/// Renders that are checked take turns.
 static ONE: Mutex<()> = Mutex::new(());
 
 #[test]
@@ -56,12 +57,16 @@ fn scenes_that_are_right_have_none() {
         passes.extend(seen.into_iter().map(|(pass, _)| pass));
     };
     for name in ["cornell_point", "cornell_glossy", "cornell_env", "point_hall:100"] {
-        look(gpu, name, &settings(Method::Raster));
-        look(rays, name, &settings(Method::RayQuery));
+        look(gpu, name, &settings(Technique::RASTER));
+        look(rays, name, &settings(Technique::RAY_QUERY));
     }
-    look(gpu, "point_hall:100", &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Raster) });
-    look(rays, "cornell_area", &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Path) });
-    // The passes that write floats.
+    look(
+        gpu,
+        "point_hall:100",
+        &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Technique::RASTER) },
+    );
+    look(rays, "cornell_area", &Settings { light_sampling: Some(LightSampling::Restir), ..settings(Technique::PATH) });
+    // These passes write floats.
     let expected = [
         "accumulate",
         "connect_light",
@@ -70,13 +75,13 @@ fn scenes_that_are_right_have_none() {
         "extend",
         "eye_paths",
         "eye_vertices",
-        "light_gifts",
+        "light_candidates",
+        "light_candidates_test",
+        "light_importance",
         "light_paths",
         "light_point",
-        "light_pool",
-        "light_pool_test",
-        "light_reuse",
-        "light_reuse_test",
+        "light_reservoirs",
+        "light_reservoirs_test",
         "light_subpath",
         "reservoirs",
         "resolve",
@@ -94,9 +99,9 @@ fn nobody_watching_costs_nothing() {
     let looks = |watch: bool| {
         gpu.ledger.reset();
         if watch {
-            counts(gpu, &scene, &settings(Method::Raster));
+            counts(gpu, &scene, &settings(Technique::RASTER));
         } else {
-            Renderer::new(gpu, &scene, &settings(Method::Raster)).unwrap().render(2, &mut |_| true).unwrap();
+            SharedRenderer::new(gpu, &scene, &settings(Technique::RASTER)).unwrap().render(2, &mut |_| true).unwrap();
             assert!(gpu.non_finite.counts(gpu).unwrap().is_empty());
         }
         let asked = gpu.ledger.counts();
@@ -107,24 +112,24 @@ fn nobody_watching_costs_nothing() {
     assert_eq!(looks(true), (true, true, true));
 }
 
-/// A value that is planted is first seen after the pass that takes it up.
+/// A planted value is first reported by the pass that reads it.
 #[test]
 fn planted_values_are_found_where_they_come_from() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
     let _one = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let raster = settings(Method::Raster);
+    let raster = settings(Technique::RASTER);
     let direct = Settings { bounces: 0, ..raster.clone() };
     let paper = Settings { strategies: Strategies::Paper, ..raster.clone() };
-    let ris = Settings { light_sampling: Some(LightSampling::Ris), ..settings(Method::Path) };
+    let ris = Settings { light_sampling: Some(LightSampling::Ris), ..settings(Technique::PATH) };
     let overhead = |mesh, material| {
         let mut scene = Scene { cameras: vec![parallel(Vec3::Y * 0.5, Vec3::NEG_Y, 0.3)], ..Scene::default() };
         add(&mut scene, mesh, material);
         scene
     };
     for value in [f32::NAN, f32::INFINITY] {
-        // `then`: passes that have to see what comes of it.
+        // `then` holds later passes that have to report it too.
         let expect_then = |pass: &str, then: &[&str], scene: &Scene, settings: &Settings| {
-            let seen = counts(if settings.method.traces_rays() { rays } else { gpu }, scene, settings);
+            let seen = counts(if settings.technique.needs_ray_queries() { rays } else { gpu }, scene, settings);
             let mut found = seen.iter().filter(|(_, count)| *count > 0).map(|(pass, _)| *pass);
             println!("{pass}, {value}: {seen:?}");
             assert_eq!(found.next(), Some(pass), "{value}: {seen:?}");
@@ -146,17 +151,17 @@ fn planted_values_are_found_where_they_come_from() {
         expect("light_point", &seen, &raster);
         expect("eye_vertices", &seen, &paper);
         expect("extend", &unseen, &paper);
-        expect("light_gifts", &many, &raster);
-        expect_then("light_point", &["light_pool"], &many, &many_even);
-        expect("eye_paths", &lit, &settings(Method::Path));
-        expect("light_paths", &lit, &settings(Method::RayQuery));
-        // Resampling takes no candidate of infinite weight; the vertices behind it do.
+        expect("light_importance", &many, &raster);
+        expect_then("light_point", &["light_candidates"], &many, &many_even);
+        expect("eye_paths", &lit, &settings(Technique::PATH));
+        expect("light_paths", &lit, &settings(Technique::RAY_QUERY));
+        // Resampling rejects candidates of infinite weight, so that a later pass reports it.
         expect(if value.is_nan() { "reservoirs" } else { "eye_paths" }, &unseen, &ris);
     }
-    // A sum that leaves the range of 32 bits: each value of an iteration is still within it.
+    // The sum leaves the range of 32 bits, though each iteration's value is within it.
     let bright = overhead(floor(1.0, 0.0), emitter(0.0, Vec3::splat(3e38), true));
-    for (pass, settings) in [("accumulate", paper), ("resolve", settings(Method::Path))] {
-        let seen = counts(if settings.method.traces_rays() { rays } else { gpu }, &bright, &settings);
+    for (pass, settings) in [("accumulate", paper), ("resolve", settings(Technique::PATH))] {
+        let seen = counts(if settings.technique.needs_ray_queries() { rays } else { gpu }, &bright, &settings);
         assert_eq!(seen.iter().find(|(_, count)| *count > 0).map(|(pass, _)| *pass), Some(pass), "{seen:?}");
     }
 }

@@ -1,9 +1,11 @@
-//! The plan: what runs for which scene, and why. Needs no GPU.
+//! Tests of the plan: the passes that run for a scene, and the reasons. Needs no GPU.
 
-use lightsheaf::gpu::Capabilities;
-use lightsheaf::plan::{Connection, FramePlan};
+use lightsheaf::gpu::{Capabilities, Flag};
+use lightsheaf::render::shared::plan::FramePlan;
+use lightsheaf::render::shared::plan::strategies::Connection;
+use lightsheaf::render::shared::plan::views::ViewRole;
 use lightsheaf::scene::{Camera, Lens, SceneStats, builtin};
-use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, OnlyStrategy, Settings, Strategies, Technique};
 
 fn capabilities() -> Capabilities {
     Capabilities {
@@ -17,7 +19,7 @@ fn capabilities() -> Capabilities {
     }
 }
 
-/// A box of diffuse walls without any light.
+/// Returns the facts of a box of diffuse walls without any light.
 fn dark() -> SceneStats {
     SceneStats {
         triangles: 32,
@@ -30,7 +32,7 @@ fn dark() -> SceneStats {
 }
 
 fn one_light() -> SceneStats {
-    SceneStats { lights: 1, near_lights: true, ..dark() }
+    SceneStats { lights: 1, local_lights: true, ..dark() }
 }
 
 fn bounces(bounces: u32) -> Settings {
@@ -41,10 +43,10 @@ fn with(strategies: Strategies, bounces: u32) -> Settings {
     Settings { strategies, bounces, ..Settings::plain() }
 }
 
-/// Of a scene with few lights.
+/// Plans a scene with few lights.
 fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = plan_of(stats, settings);
-    let joined: u32 = plan.connections.iter().map(|c| plan.points_joined(c)).sum();
+    let joined: u32 = plan.connections.iter().map(|c| plan.points_connected(c)).sum();
     assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * joined);
     let others = plan.direct_lights.saturating_sub(1);
     assert_eq!(plan.views().len() as u32, plan.light_vertices + plan.extensions.len() as u32 + others);
@@ -72,17 +74,17 @@ fn runs(plan: &FramePlan, name: &str) -> u32 {
     passes[0].runs
 }
 
-/// Names and runs of all passes, skipped ones included.
+/// Returns names and runs of all passes, skipped ones included.
 fn table(plan: &FramePlan) -> Vec<(&'static str, u32)> {
     plan.passes.iter().map(|p| (p.name, p.runs)).collect()
 }
 
-/// (s, t) of all connections.
+/// Returns (s, t) of all connections.
 fn strategies(plan: &FramePlan) -> Vec<(u32, u32)> {
     plan.connections.iter().map(|c| (c.s, c.j + 1)).collect()
 }
 
-/// (j, last) of all extensions.
+/// Returns (j, last) of all extensions.
 fn extensions(plan: &FramePlan) -> Vec<(u32, bool)> {
     plan.extensions.iter().map(|e| (e.j, e.last)).collect()
 }
@@ -91,26 +93,27 @@ fn extensions(plan: &FramePlan) -> Vec<(u32, bool)> {
 fn without_light_only_the_camera_looks() {
     let plan = plan(&dark(), &bounces(2));
     let expected = [
+        ("deform", 0),
         ("tessellate", 0),
+        ("light_importance", 0),
+        ("light_point", 0),
         ("view_setup", 0),
         ("view_lists", 0),
         ("depth_maps", 0),
-        ("light_point", 0),
         ("rsm", 0),
         ("light_subpath", 0),
         ("gbuffer", 1),
         ("eye_vertices", 1),
-        ("connect", 0),
-        ("light_gifts", 0),
-        ("light_pool", 0),
-        ("light_reuse", 0),
-        ("extend", 0),
         ("list_lengths", 0),
+        ("connect", 0),
+        ("light_candidates", 0),
+        ("light_reservoirs", 0),
+        ("extend", 0),
         ("accumulate", 1),
         ("gradient", 0),
         ("temporal", 0),
         ("filter", 0),
-        ("outliers", 0),
+        ("firefly_clamp", 0),
         ("compose", 0),
         ("antialias", 0),
     ];
@@ -133,7 +136,7 @@ fn a_point_light_by_number_of_bounces() {
     assert_eq!((two.light_vertices, extensions(&two)), (3, vec![(1, false), (2, false)]));
     assert_eq!(runs(&two, "view_setup"), 5);
 
-    // Longer paths have the same three strategies each, at every vertex deeper by one.
+    // Longer paths have the same three strategies each, with eye vertices further from the camera.
     let three = plan(&one_light(), &bounces(3));
     assert_eq!(strategies(&three), [(1, 2), (2, 2), (3, 2), (1, 3), (2, 3), (3, 3), (1, 4), (2, 4), (1, 5)]);
     assert_eq!((three.light_vertices, extensions(&three)), (3, vec![(1, false), (2, false), (3, false)]));
@@ -162,7 +165,8 @@ fn two_bounces_have_six_connections_under_mis() {
     assert!(reason.contains("(1, 2) (2, 2) (3, 2) (1, 3) (2, 3) (1, 4)"), "{reason}");
 }
 
-/// Whatever the settings: every strategy that runs takes part in its own MIS, and all that take part run.
+/// For all settings, every strategy that runs takes part in its own MIS, and every strategy that takes part
+/// runs.
 #[test]
 fn masks_and_connections_agree() {
     let mut seen = 0;
@@ -183,7 +187,7 @@ fn masks_and_connections_agree() {
                     seen += 1;
                 }
             }
-            // Every vertex that is joined is made, and none that nothing needs.
+            // Exactly the eye vertices that are connected are made.
             let deepest = plan.connections.iter().map(|c| c.j).max().unwrap_or(1);
             assert_eq!(plan.extensions.len() as u32, deepest - 1);
             assert!(plan.extensions.iter().all(|e| !e.last));
@@ -208,7 +212,7 @@ fn strategies_choose_their_connections() {
     let paper = plan(&one_light(), &with(Strategies::Paper, 2));
     let clamped: Vec<_> = paper.connections.iter().filter(|c| c.clamped).map(|c| (c.s, c.j + 1)).collect();
     assert_eq!((paper.light_vertices, clamped), (2, vec![(2, 3)]));
-    // Four texts, all different: the plan says which it is.
+    // The four plans have different texts.
     let texts = [Strategies::All, Strategies::Vpl, Strategies::Bundle, Strategies::Paper]
         .map(|s| plan(&one_light(), &with(s, 2)).to_string());
     assert!((0..4).all(|i| (0..i).all(|j| texts[i] != texts[j])));
@@ -221,15 +225,16 @@ fn light_that_is_met_by_chance() {
         SceneStats { environment: true, environment_map: true, ..dark() },
         SceneStats { emissive_triangles: 2, ..dark() },
     ] {
-        let flags: &[&str] = match (stats.environment, stats.environment_map) {
-            (true, true) => &["ENVIRONMENT", "ENVIRONMENT_MAP"],
-            (true, false) => &["ENVIRONMENT"],
-            _ => &["EMISSION"],
+        let flags: &[Flag] = match (stats.environment, stats.environment_map) {
+            (true, true) => &[Flag::Environment, Flag::EnvironmentMap],
+            (true, false) => &[Flag::Environment],
+            _ => &[Flag::Emission],
         };
         for k in [0, 1, 2, 16] {
             let all = plan(&stats, &bounces(k));
             assert_eq!(all.light_flags, flags);
-            // It starts light subpaths as well, without a table; every path has been met, too, but for those of all of several bounces.
+            // Emitters start light subpaths, too, without a reflective shadow map. Hits count for every path
+            // but those of the last of several bounces.
             assert_eq!((all.light_vertices, runs(&all, "light_point"), runs(&all, "rsm")), (3.min(k + 1), 1, 0));
             assert_eq!(strategies(&all), strategies(&plan(&one_light(), &bounces(k))));
             let expected: Vec<_> = (1..=k + 1).map(|j| (j, j == k + 1)).collect();
@@ -238,21 +243,23 @@ fn light_that_is_met_by_chance() {
             for length in 0..=k {
                 let samples = [u32::from(length < met), 1, u32::from(length >= 1), u32::from(length >= 2)];
                 let joined = all.connections.iter().filter(|c| c.s + c.j - 2 == length).map(|c| c.samples);
-                let met = all.extensions.iter().filter(|e| e.j == length + 1 && e.meets).map(|e| e.samples);
+                let met = all.extensions.iter().filter(|e| e.j == length + 1 && e.hits_emitter).map(|e| e.samples);
                 assert_eq!(met.clone().count(), samples[0] as usize);
                 assert!(joined.chain(met).all(|n| n == samples), "{length} of {k} bounces");
             }
-            // The paper only meets it, VPLs alone never do.
+            // The paper only hits emitters, and VPLs alone never do.
             let paper = plan(&stats, &with(Strategies::Paper, k));
             assert_eq!((paper.light_vertices, paper.connections.len()), (0, 0));
             assert!(paper.sky_bundles == stats.environment_map && !all.sky_bundles);
-            assert!(extensions(&paper) == expected && paper.extensions.iter().all(|e| e.meets && e.samples[0] == 1));
+            assert!(
+                extensions(&paper) == expected && paper.extensions.iter().all(|e| e.hits_emitter && e.samples[0] == 1)
+            );
             let vpl = plan(&stats, &with(Strategies::Vpl, k));
-            assert!(vpl.camera_meets && vpl.extensions.iter().all(|e| !e.meets));
+            assert!(vpl.camera_hits_emitters && vpl.extensions.iter().all(|e| !e.hits_emitter));
             assert!(vpl.connections.iter().all(|c| c.samples[0] == 0));
         }
     }
-    // With a lamp as well, both kinds of strategy run.
+    // With a point light as well, both kinds of strategies run.
     let both = plan(&SceneStats { environment: true, ..one_light() }, &bounces(2));
     assert_eq!((both.connections.len(), runs(&both, "rsm")), (6, 1));
     assert_eq!(extensions(&both), [(1, false), (2, false)]);
@@ -260,44 +267,45 @@ fn light_that_is_met_by_chance() {
     assert_eq!(extensions(&bundle), [(1, false), (2, false), (3, true)], "VPLs are what finds it otherwise");
 }
 
-/// Around a place light goes along six faces, from infinitely far away along one; bundles keep outlines.
+/// Views around local lights have six faces, those of infinite lights one; only bundles keep projected
+/// triangles.
 #[test]
 fn views_have_what_light_needs() {
-    let of = |near_lights, far_lights| {
-        let plan = plan(&SceneStats { near_lights, far_lights, ..one_light() }, &bounces(2));
-        let faces: Vec<_> = plan.views().iter().map(|texels| texels.faces).collect();
-        let outlines: Vec<_> = (0..faces.len()).map(|n| plan.outlines(n, 32)).collect();
-        (faces, outlines, plan.bytes)
+    let of = |local_lights, infinite_lights| {
+        let plan = plan(&SceneStats { local_lights, infinite_lights, ..one_light() }, &bounces(2));
+        let views = plan.views();
+        let faces: Vec<_> = views.iter().map(|view| view.texels.faces).collect();
+        let projected: Vec<_> = views.iter().map(|view| plan.projected_triangles(view.role, 32)).collect();
+        (faces, projected, plan.bytes)
     };
-    let (near, afar, both) = (of(true, false), of(false, true), of(true, true));
-    assert_eq!((near.0, near.1), (vec![6, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
-    assert_eq!((afar.0, afar.1), (vec![1, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
+    let (local, infinite, both) = (of(true, false), of(false, true), of(true, true));
+    assert_eq!((local.0, local.1), (vec![6, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
+    assert_eq!((infinite.0, infinite.1), (vec![1, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
     assert_eq!((both.0, both.1), (vec![6, 6, 6, 1, 1], vec![0, 0, 0, 32, 32]));
-    assert!(near.2 == both.2 && afar.2 < near.2);
+    assert!(local.2 == both.2 && infinite.2 < local.2);
 }
 
 #[test]
 fn views_have_names() {
     let names = |stats: &SceneStats, settings: &Settings| -> Vec<_> {
-        let plan = plan_of(stats, settings);
-        (0..plan.views().len()).map(|n| plan.view_name(n)).collect()
+        plan_of(stats, settings).views().iter().map(|view| view.role.to_string()).collect()
     };
     assert_eq!(names(&one_light(), &bounces(2)), ["light", "vpl 1", "vpl 2", "bundle 1", "bundle 2"]);
     let pool = Settings { light_pool: Some(4), ..bounces(2) };
-    assert_eq!(names(&one_light(), &pool)[4..], ["bundle 2", "light pool"]);
+    assert_eq!(names(&one_light(), &pool)[4..], ["bundle 2", "light candidate"]);
     let lamps = SceneStats { lights: 3, ..one_light() };
     assert_eq!(names(&lamps, &bounces(2))[4..], ["bundle 2", "light 2", "light 3"]);
     let bundle = with(Strategies::Bundle, 0);
     assert_eq!(names(&SceneStats { environment: true, ..dark() }, &bundle), ["light", "bundle 1"]);
 }
 
-/// Two iterations share a G-buffer where drawing it costs much, and nothing needs a look of its own.
+/// Two iterations share a G-buffer if it costs much and no setting needs one for each.
 #[test]
 fn many_triangles_share_a_look() {
     let pinhole = builtin::load("cornell_point").unwrap().cameras.remove(0);
     let lens = Camera { lens: Some(Lens { radius: 0.1, focus: 1.0 }), ..pinhole.clone() };
     let looks = |triangles, settings: &Settings, camera: &Camera| {
-        plan(&SceneStats { triangles, ..one_light() }, settings).iterations_a_look(camera)
+        plan(&SceneStats { triangles, ..one_light() }, settings).iterations_per_gbuffer(camera)
     };
     let base = Settings { width: 64, height: 64, ..Settings::plain() };
     assert_eq!([1024, 1025].map(|triangles| looks(triangles, &base, &pinhole)), [1, 2]);
@@ -306,59 +314,78 @@ fn many_triangles_share_a_look() {
     assert_eq!(looks(1025, &Settings { width: 128, ..base }, &pinhole), 1);
 }
 
-/// Two to four lights give direct light in every iteration, unless drawing what they see costs too much.
+/// Two to four lights each have a light point in every iteration, unless their views cost too much.
 #[test]
 fn few_lights_have_a_point_each() {
     let of = |stats: SceneStats| plan(&stats, &bounces(2));
-    let lamps = |lights, sharp_lights| SceneStats { lights, sharp_lights, lamps: lights - sharp_lights, ..one_light() };
+    let sized_local_lights = |lights, sharp_lights| SceneStats {
+        lights,
+        sharp_lights,
+        sized_local_lights: lights - sharp_lights,
+        ..one_light()
+    };
     for (stats, direct, setups) in [
-        (lamps(1, 1), 0, 5),
-        (lamps(2, 2), 2, 5),
-        (lamps(4, 4), 4, 5),
-        (lamps(5, 5), 0, 5),
-        (lamps(2, 1), 2, 5),
-        (lamps(2, 0), 0, 5),
-        (SceneStats { emissive_triangles: 2, ..lamps(2, 2) }, 0, 5),
-        (SceneStats { environment: true, far_lights: true, ..lamps(1, 1) }, 2, 5),
-        // A sun and a sky.
-        (SceneStats { environment: true, far_lights: true, near_lights: false, lamps: 0, ..lamps(1, 0) }, 2, 6),
-        (SceneStats { environment: true, far_lights: true, ..dark() }, 0, 5),
+        (sized_local_lights(1, 1), 0, 5),
+        (sized_local_lights(2, 2), 2, 5),
+        (sized_local_lights(4, 4), 4, 5),
+        (sized_local_lights(5, 5), 0, 5),
+        (sized_local_lights(2, 1), 2, 5),
+        (sized_local_lights(2, 0), 0, 5),
+        (SceneStats { emissive_triangles: 2, ..sized_local_lights(2, 2) }, 0, 5),
+        (SceneStats { environment: true, infinite_lights: true, ..sized_local_lights(1, 1) }, 2, 5),
+        // These are a sun and a sky.
+        (
+            SceneStats {
+                environment: true,
+                infinite_lights: true,
+                local_lights: false,
+                sized_local_lights: 0,
+                ..sized_local_lights(1, 0)
+            },
+            2,
+            6,
+        ),
+        (SceneStats { environment: true, infinite_lights: true, ..dark() }, 0, 5),
     ] {
         let plan = of(stats.clone());
         assert_eq!((plan.direct_lights, runs(&plan, "view_setup")), (direct, setups), "{stats:?}");
-        let direct = plan.connections.iter().filter(|c| c.is_direct()).map(|c| plan.points_joined(c));
+        let direct = plan.connections.iter().filter(|c| c.is_direct()).map(|c| plan.points_connected(c));
         assert_eq!(direct.collect::<Vec<_>>(), [plan.direct_lights.max(1)]);
         let views: Vec<_> = (0..plan.direct_lights).map(|light| plan.light_view(light)).collect();
-        assert!(views.iter().enumerate().all(|(n, &view)| plan.is_around_light(view) && !views[..n].contains(&view)));
+        assert!(views.iter().enumerate().all(|(n, &view)| view.is_map() && !views[..n].contains(&view)));
     }
     let power = Settings { light_sampling: Some(LightSampling::Power), ..bounces(2) };
-    assert_eq!(plan(&lamps(2, 2), &power).direct_lights, 0, "one is chosen where that is asked for");
-    assert_eq!(plan(&lamps(2, 2), &with(Strategies::Paper, 2)).direct_lights, 0);
-    // Lights without extent have no noise that a filter should take away.
-    assert!(of(lamps(2, 2)).clear_light && !of(lamps(2, 1)).clear_light && !plan(&lamps(2, 2), &power).clear_light);
+    assert_eq!(plan(&sized_local_lights(2, 2), &power).direct_lights, 0, "one is chosen where that is asked for");
+    assert_eq!(plan(&sized_local_lights(2, 2), &with(Strategies::Paper, 2)).direct_lights, 0);
+    // Lights without extent have no noise for a filter to remove.
+    assert!(
+        of(sized_local_lights(2, 2)).clear_light
+            && !of(sized_local_lights(2, 1)).clear_light
+            && !plan(&sized_local_lights(2, 2), &power).clear_light
+    );
 }
 
 #[test]
 fn many_lights_make_a_pool() {
     let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
     let all = plan_of(&many, &bounces(2));
-    // Direct light comes from sixteen light points, all other paths from the first.
-    assert!(all.light_pool == 16 && all.has_pool() && runs(&all, "light_pool") == 17, "{all}");
+    // Direct light has sixteen candidates; all other paths start from the first one.
+    assert!(all.light_candidates == 16 && all.has_candidates() && runs(&all, "light_candidates") == 17, "{all}");
     for c in &all.connections {
         assert_eq!(c.samples[1], if c.s + c.j == 2 { 16 } else { 1 }, "{c:?}");
     }
     assert_eq!((runs(&all, "view_setup"), all.views().len()), (3 + 2 + 15, 3 + 2 + 1));
-    assert_eq!(all.pool_view(), Some(5));
-    assert!(all.lights_for_view && runs(&all, "light_gifts") == 1);
+    assert_eq!(all.views()[5].role, ViewRole::Candidate(0));
+    assert!(all.lights_for_view && runs(&all, "light_importance") == 1);
     let power = Settings { light_sampling: Some(LightSampling::Power), ..bounces(2) };
     assert!(!plan_of(&many, &power).lights_for_view);
     let asked = |light_pool| plan_of(&many, &Settings { light_pool: Some(light_pool), ..bounces(2) });
-    assert!(!asked(1).has_pool() && asked(1).bytes < all.bytes && runs(&asked(4), "light_pool") == 5);
+    assert!(!asked(1).has_candidates() && asked(1).bytes < all.bytes && runs(&asked(4), "light_candidates") == 5);
     let meets = plan_of(&SceneStats { emissive_triangles: 1000, light_places: 17, ..dark() }, &bounces(1));
     assert_eq!(meets.extensions.iter().map(|e| e.samples[1]).collect::<Vec<_>>(), [16, 1]);
-    // A lamp of many triangles is none.
+    // A lamp of many triangles does not count as many lights.
     let lamp = SceneStats { emissive_triangles: 1000, light_places: 4, ..dark() };
-    assert!(!plan_of(&lamp, &bounces(2)).has_pool());
+    assert!(!plan_of(&lamp, &bounces(2)).has_candidates());
 }
 
 #[test]
@@ -367,20 +394,24 @@ fn reuse_keeps_two_pools() {
         plan_of(&one_light(), &Settings { light_sampling: Some(light_sampling), light_pool, ..bounces(2) })
     };
     let (ris, restir) = (of(LightSampling::Ris, None), of(LightSampling::Restir, None));
-    // A pool is what both ask for, however few lights there are; only one looks back.
+    // Both resampling modes have candidates, however few lights there are; only one of them reuses
+    // reservoirs.
     for plan in [&ris, &restir] {
-        assert!(plan.has_pool() && plan.light_pool == 16 && runs(plan, "light_pool") == 17, "{plan}");
+        assert!(plan.has_candidates() && plan.light_candidates == 16 && runs(plan, "light_candidates") == 17, "{plan}");
         assert!(!plan.lights_for_view, "{plan}");
     }
     assert_eq!([ris.reuses(), restir.reuses()], [false, true]);
-    assert_eq!([runs(&ris, "light_reuse"), runs(&restir, "light_reuse")], [0, 33]);
-    // Each light point has a view, which lives for two iterations; no view is filled more often than without.
+    assert_eq!([runs(&ris, "light_reservoirs"), runs(&restir, "light_reservoirs")], [0, 33]);
+    // Each light point has a view, which lasts for two iterations; no view is rasterized more often than
+    // without reuse.
     assert_eq!([ris.views().len(), restir.views().len()], [5 + 1, 5 + 31]);
-    assert_eq!(ris.pool_views(), [[0].as_slice(), &[5; 15]].concat());
-    assert_eq!(restir.pool_views(), std::iter::once(0).chain(5..36).collect::<Vec<_>>());
+    let y0 = ViewRole::LightVertex(0);
+    assert_eq!(ris.candidate_views(), [[y0].as_slice(), &[ViewRole::Candidate(0); 15]].concat());
+    let own = (0..31).map(ViewRole::Candidate);
+    assert_eq!(restir.candidate_views(), std::iter::once(y0).chain(own).collect::<Vec<_>>());
     assert_eq!([runs(&ris, "view_setup"), runs(&restir, "view_setup")], [3 + 2 + 15; 2]);
     assert!(ris.bytes < restir.bytes);
-    // Since maps are not drawn again for each band, bands are as small as where there is no pool.
+    // Since maps are not rasterized for each band, bands are as small as without candidates.
     let large = |light_sampling| {
         let settings = Settings { width: 1024, height: 1024, light_sampling: Some(light_sampling), ..bounces(2) };
         plan_of(&one_light(), &settings)
@@ -388,29 +419,30 @@ fn reuse_keeps_two_pools() {
     let (ris, restir) = (large(LightSampling::Ris), large(LightSampling::Restir));
     assert_eq!([ris.grid.regions()[0], restir.grid.regions()[0]], [1, 8]);
     assert_eq!([runs(&ris, "view_setup"), runs(&restir, "view_setup")], [20; 2]);
-    // One light point a pool has, and the last one's.
+    // A pool of one candidate has that one and the last iteration's.
     let one = of(LightSampling::Restir, Some(1));
-    assert_eq!((one.pool_views(), runs(&one, "light_pool"), runs(&one, "light_reuse")), (vec![0, 5], 2, 3));
+    assert_eq!(one.candidate_views(), [y0, ViewRole::Candidate(0)]);
+    assert_eq!((runs(&one, "light_candidates"), runs(&one, "light_reservoirs")), (2, 3));
     let many = SceneStats { lights: 1000, light_places: 400, ..dark() };
     assert!(plan_of(&many, &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) }).lights_for_view);
     let unlit = plan_of(&dark(), &Settings { light_sampling: Some(LightSampling::Restir), ..bounces(2) });
-    assert!(!unlit.reuses() && runs(&unlit, "light_reuse") == 0);
+    assert!(!unlit.reuses() && runs(&unlit, "light_reservoirs") == 0);
 }
 
 #[test]
 fn flags_follow_the_scene() {
     let flags = |stats: &SceneStats| plan(stats, &bounces(2)).surface_flags;
     assert!(flags(&one_light()).is_empty());
-    assert_eq!(flags(&SceneStats { texels: 16, ..one_light() }), ["TEXTURES"]);
-    assert_eq!(flags(&SceneStats { vertex_colors: true, ..one_light() }), ["VERTEX_COLORS"]);
-    assert_eq!(flags(&SceneStats { glossy_triangles: 1, ..one_light() }), ["GLOSSY"]);
-    assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), ["MASKS"]);
+    assert_eq!(flags(&SceneStats { texels: 16, ..one_light() }), [Flag::Textures]);
+    assert_eq!(flags(&SceneStats { vertex_colors: true, ..one_light() }), [Flag::VertexColors]);
+    assert_eq!(flags(&SceneStats { glossy_triangles: 1, ..one_light() }), [Flag::Glossy]);
+    assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), [Flag::Masks]);
     let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
-    assert_eq!(flags(&all), ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"]);
-    let fast = |visibility| plan(&one_light(), &Settings { visibility, ..Settings::plain() });
-    assert!(fast(Visibility::Fast).fast && !fast(Visibility::Exact).fast);
-    assert!(fast(Visibility::Fast).node_words() > fast(Visibility::Exact).node_words());
-    assert!(fast(Visibility::Fast).has_depth_maps() && !fast(Visibility::Exact).has_depth_maps());
+    assert_eq!(flags(&all), [Flag::Textures, Flag::VertexColors, Flag::Glossy, Flag::Masks]);
+    let fast = |technique| plan(&one_light(), &Settings { technique, ..Settings::plain() });
+    assert!(fast(Technique::FAST).fast && !fast(Technique::RASTER).fast);
+    assert!(fast(Technique::FAST).node_words() > fast(Technique::RASTER).node_words());
+    assert!(fast(Technique::FAST).has_depth_maps() && !fast(Technique::RASTER).has_depth_maps());
 }
 
 #[test]
@@ -419,7 +451,7 @@ fn bytes_grow_with_what_is_asked_for() {
     let base = Settings { bundle_resolution: Some(128), ..Settings::plain() };
     let small = bytes(&base);
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
-    // Two bands' pixels are followed at once, more by the band; then only the film and the G-buffer grow.
+    // Buffers hold two bands' pixels; beyond, only the film and the G-buffer grow.
     assert!(image(256, 512) < small && image(512, 513) < small);
     assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 32);
     assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.regions(), [8, 0]);
@@ -428,11 +460,11 @@ fn bytes_grow_with_what_is_asked_for() {
     assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { vpl_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { bounces: 3, ..base.clone() }) > small);
-    assert_ne!(bytes(&Settings { visibility: Visibility::Fast, ..base.clone() }), small);
+    assert_ne!(bytes(&Settings { technique: Technique::FAST, ..base.clone() }), small);
     assert!(bytes(&Settings { strategies: Strategies::Bundle, ..base.clone() }) < small);
     let more = plan(&SceneStats { triangles: 100_000, ..one_light() }, &base).bytes;
     assert!(more > small);
-    // A finer scene gets finer views, within bounds.
+    // A finer scene has finer views, within bounds.
     let resolution = |mean_triangle_size| {
         let plan = plan(&SceneStats { mean_triangle_size, ..one_light() }, &Settings::plain());
         [plan.bundle_resolution, plan.light_resolution, plan.vpl_resolution]
@@ -442,24 +474,25 @@ fn bytes_grow_with_what_is_asked_for() {
         (0..3).all(|i| coarse[i] < fine[i] && fine[i] <= finest[i] && finest[i] <= 1024),
         "{coarse:?} {fine:?} {finest:?}"
     );
-    // But the maps of a pool, each asked by few pixels, only where their resolution is part of the answer.
+    // The maps of candidates, each queried by few pixels, are finer only if their resolution is part of the
+    // answer.
     let pooled = |settings: Settings| {
         let stats = SceneStats { mean_triangle_size: 0.0, ..one_light() };
         plan_of(&stats, &Settings { light_pool: Some(8), ..settings }).light_resolution
     };
-    let fast = Settings { visibility: Visibility::Fast, ..Settings::plain() };
+    let fast = Settings { technique: Technique::FAST, ..Settings::plain() };
     assert_eq!([pooled(Settings::plain()), pooled(fast)], [64, finest[1]]);
-    // What the user asks for stands.
+    // Settings override the plan's choice.
     assert_eq!(plan(&one_light(), &base).bundle_resolution, 128);
     assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::plain() }), 256);
 }
 
-/// The side of the squares of interleaved sampling and why, 512x512.
+/// Returns the side of the squares of interleaved sampling at 512x512, and its reason.
 fn interleave(stats: &SceneStats, settings: &Settings) -> (u32, String) {
     let plan = plan_of(stats, settings);
     let row = plan.to_string().lines().find(|line| line.starts_with("interleave")).unwrap().to_owned();
     assert!(row.contains(&plan.interleave) && row.contains(&format!(" {} ", plan.grid.side)), "{row}");
-    assert_eq!(plan.is_live(), plan.grid.side > 1 || settings.history > 0);
+    assert_eq!(plan.is_layered(), plan.grid.side > 1 || settings.history > 0);
     assert_eq!(plan.filtered, plan.grid.side > 1);
     (plan.grid.side, plan.interleave)
 }
@@ -476,8 +509,8 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
     let sponza = SceneStats {
         environment: true,
         environment_map: true,
-        far_lights: true,
-        near_lights: false,
+        infinite_lights: true,
+        local_lights: false,
         glossy_triangles: 1,
         ..sized(262_000, 0.004)
     };
@@ -486,8 +519,8 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
     assert_eq!(fine.0, 1, "{}", fine.1);
     let (side, why) = interleave(&lamp, &Settings { width: 64, height: 64, ..auto.clone() });
     assert!(side == 1 && why.contains("pixels are few"), "{side} {why}");
-    // The twin has the random numbers of raster.
-    assert_eq!(interleave(&lamp, &Settings { method: Method::Twin, ..auto }).0, 3);
+    // The twin uses the random numbers of raster.
+    assert_eq!(interleave(&lamp, &Settings { technique: Technique::TWIN, ..auto }).0, 3);
 }
 
 #[test]
@@ -508,14 +541,14 @@ fn the_side_is_one_where_nothing_is_to_be_filtered() {
         let (side, why) = interleave(&lamp, &settings);
         assert!(side == 1 && why.starts_with("auto: ") && why.contains(what), "{side} {why}");
     }
-    // A camera's own lens, and one that is closed.
+    // These are a camera's own lens, and one with radius 0.
     let lens = SceneStats { lens: true, ..lamp.clone() };
     assert_eq!(interleave(&lens, &auto).0, 1);
     assert_eq!(interleave(&lens, &Settings { aperture: Some(0.0), ..auto.clone() }).0, 3);
-    // Light without noise alone.
+    // Direct light alone has no noise here.
     let area = SceneStats { emissive_triangles: 2, ..dark() };
     assert_eq!(interleave(&area, &Settings { bounces: 0, ..auto.clone() }).0, 3);
-    // What is asked for stands.
+    // Settings override the plan's choice.
     for side in 1..=8 {
         let asked = Settings { interleave: Some(side), strategies: Strategies::Vpl, ..auto.clone() };
         assert_eq!(interleave(&lens, &asked), (side, "as asked for".to_owned()));
@@ -525,15 +558,15 @@ fn the_side_is_one_where_nothing_is_to_be_filtered() {
 #[test]
 fn tiles_settle_where_pictures_are_not_filtered() {
     let target = Settings { target_error: Some(0.01), ..Settings::default() };
-    assert!(!plan_of(&one_light(), &target).settles);
-    assert!(plan_of(&one_light(), &Settings { interleave: Some(1), ..target.clone() }).settles);
-    assert!(plan_of(&one_light(), &Settings { width: 64, height: 64, ..target }).settles);
+    assert!(!plan_of(&one_light(), &target).adaptive);
+    assert!(plan_of(&one_light(), &Settings { interleave: Some(1), ..target.clone() }).adaptive);
+    assert!(plan_of(&one_light(), &Settings { width: 64, height: 64, ..target }).adaptive);
 }
 
-/// Another number of triangles alone makes no other plan while it leaves the side as it is.
+/// Another number of triangles alone gives the same plan as long as it does not change the side.
 #[test]
 fn poses_of_an_animation_have_the_same_side() {
     let at = |triangles| SceneStats { triangles, triangles_vary: true, ..one_light() };
     let plans = [60_000, 60_500].map(|triangles| plan_of(&at(triangles), &Settings::default()));
-    assert!(plans[0].grid.side > 1 && plans[0].does_as(&plans[1]));
+    assert!(plans[0].grid.side > 1 && plans[0].same_pipelines(&plans[1]));
 }

@@ -1,7 +1,9 @@
-//! Errors that are planted are found, and nothing is found where there is none: each in ten runs of its own seeds.
+//! Planted errors are found, and no error is found in the unchanged program: ten runs each, with seeds of
+//! their own.
 //!
-//! A run is eight pictures against the reference, as tests/raster_statistics.rs and tests/paths compare them, where CI has some of
-//! these errors. Light adds up, so that a picture with an error in one strategy is put together from the strategies' images. The table:
+//! A run is eight pictures against the reference, compared as in tests/raster_statistics.rs and tests/paths,
+//! where CI has some of these errors. Light adds up, so that a picture with an error in one strategy is
+//! composed of the strategies' images. The table:
 //!
 //!     cargo test --test planted -- --ignored --nocapture
 
@@ -11,27 +13,28 @@ use common::statistics::{Look, compare};
 use common::{gpu_with_ray_queries, reference};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
-use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::renderer::{Progressive, Renderer};
+use lightsheaf::render::renderer::Renderer;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{Bsdf, Scene, builtin};
-use lightsheaf::settings::{Method, OnlyStrategy, Settings};
+use lightsheaf::settings::{OnlyStrategy, Settings, Technique};
 
 /// Runs of each error.
 const RUNS: u32 = 10;
 /// Pictures in a run.
 const PICTURES: u32 = 8;
 
-/// The renderer of a method.
-fn renderer<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Box<dyn Progressive + 'gpu> {
-    if settings.method.shares_subpaths() {
-        Box::new(Renderer::new(gpu, scene, settings).unwrap())
+/// Opens the renderer of a technique.
+fn renderer<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Box<dyn Renderer + 'gpu> {
+    if settings.technique.shares_subpaths() {
+        Box::new(SharedRenderer::new(gpu, scene, settings).unwrap())
     } else {
         Box::new(PathRenderer::new(gpu, scene, settings).unwrap())
     }
 }
 
-/// The pictures of a run.
-fn pictures(renderer: &mut dyn Progressive, run: u32, samples: u32) -> Vec<Film> {
+/// Returns the pictures of a run.
+fn pictures(renderer: &mut dyn Renderer, run: u32, samples: u32) -> Vec<Film> {
     (0..PICTURES)
         .map(|n| {
             renderer.restart(1 + 100 * run + n);
@@ -41,7 +44,7 @@ fn pictures(renderer: &mut dyn Progressive, run: u32, samples: u32) -> Vec<Film>
         .collect()
 }
 
-/// Sum of the pictures times a factor of picture and pixel.
+/// Returns the sum of the pictures, each times a factor of picture and pixel.
 fn sum(parts: &[Film], factor: impl Fn(usize, usize) -> f32) -> Film {
     let mut out = parts[0].clone();
     for (i, pixel) in out.pixels.iter_mut().enumerate() {
@@ -50,7 +53,7 @@ fn sum(parts: &[Film], factor: impl Fn(usize, usize) -> f32) -> Film {
     out
 }
 
-/// A scene, how it is rendered, and what the reference makes of it.
+/// A scene, its settings, and the reference's pictures.
 struct Case {
     scene: Scene,
     settings: Settings,
@@ -58,9 +61,9 @@ struct Case {
 }
 
 impl Case {
-    fn new(name: &str, method: Method, samples: u32, bounces: u32) -> Self {
+    fn new(name: &str, technique: Technique, samples: u32, bounces: u32) -> Self {
         let scene = builtin::load(name).unwrap();
-        let settings = Settings { method, width: 16, height: 16, samples, bounces, ..Settings::plain() };
+        let settings = Settings { technique, width: 16, height: 16, samples, bounces, ..Settings::plain() };
         let expected = (0..8).map(|seed| reference(&scene, &settings, 1024, 5000 + seed)).collect();
         Self { scene, settings, expected }
     }
@@ -71,24 +74,24 @@ impl Case {
         (0..RUNS).map(|run| pictures(renderer.as_mut(), run, self.settings.samples)).collect()
     }
 
-    /// In how many runs the comparison says that the pictures are wrong.
+    /// Returns the number of runs in which the comparison rejects the pictures.
     fn caught(&self, runs: &[Vec<Film>]) -> usize {
         runs.iter().filter(|films| !compare(films, &self.expected, Look::Blocks).agrees()).count()
     }
 }
 
-/// In how many runs each error was caught, by its name.
-fn caught(gpu: &Gpu, method: Method) -> Vec<(&'static str, usize)> {
-    let shares = method.shares_subpaths();
-    // Even light shows the smallest change of the whole.
-    let even = Case::new("integrating_sphere", method, if shares { 256 } else { 64 }, 2);
+/// Returns the number of runs in which each error was caught, by its name.
+fn caught(gpu: &Gpu, technique: Technique) -> Vec<(&'static str, usize)> {
+    let shares = technique.shares_subpaths();
+    // Uniform light shows the smallest change of the whole.
+    let even = Case::new("integrating_sphere", technique, if shares { 256 } else { 64 }, 2);
     let right = even.runs(gpu, &even.scene, None);
     let brighter: Vec<Vec<_>> =
         right.iter().map(|films| films.iter().map(|f| sum(std::slice::from_ref(f), |_, _| 1.0075)).collect()).collect();
     let mut out = vec![("nothing", even.caught(&right)), ("light 0.75 % too bright", even.caught(&brighter))];
 
     // A diffuse surface of reflectance pi R reflects R of direct light per steradian.
-    let direct = Case::new("cornell_point", method, 16, 0);
+    let direct = Case::new("cornell_point", technique, 16, 0);
     let mut without_pi = direct.scene.clone();
     for material in &mut without_pi.materials {
         let Bsdf::Diffuse { reflectance } = &mut material.bsdf else { continue };
@@ -96,10 +99,10 @@ fn caught(gpu: &Gpu, method: Method) -> Vec<(&'static str, usize)> {
     }
     out.push(("1 / pi missing", direct.caught(&direct.runs(gpu, &without_pi, None))));
 
-    // In the box every strategy matters.
-    let boxed = Case::new("cornell_point", method, 64, 1);
+    // Every strategy matters in the box.
+    let boxed = Case::new("cornell_point", technique, 64, 1);
     let strategies: Vec<_> = OnlyStrategy::all(boxed.settings.bounces, true)
-        .filter(|only| only.s > 0 && method.has_strategy(only.s, only.t))
+        .filter(|only| only.s > 0 && technique.has_strategy(only.s, only.t))
         .collect();
     let parts: Vec<_> = strategies.iter().map(|&only| boxed.runs(gpu, &boxed.scene, Some(only))).collect();
     let all = |factor: &dyn Fn(&OnlyStrategy, usize) -> f32| -> Vec<Vec<Film>> {
@@ -114,13 +117,13 @@ fn caught(gpu: &Gpu, method: Method) -> Vec<(&'static str, usize)> {
     out.push(("nothing, sum of strategies", boxed.caught(&whole)));
     out.push(("seed not advanced", boxed.caught(&same)));
     let of_length = |only: &OnlyStrategy| strategies.iter().filter(|o| o.s + o.t == only.s + only.t).count();
-    if method != Method::Path {
+    if technique != Technique::PATH {
         let dropped = all(&|only, _| if (only.s, only.t) == (2, 2) { 0.0 } else { 1.0 });
         out.push(("strategy (2, 2) dropped", boxed.caught(&dropped)));
         let divided = all(&|only, _| 1.0 / of_length(only) as f32);
         out.push(("weights over number of strategies", boxed.caught(&divided)));
     }
-    if method == Method::RayQuery {
+    if technique == Technique::RAY_QUERY {
         // On every second pixel, one of two splats overwrites the other.
         let lost = all(&|only, pixel| if only.t == 1 && pixel % 2 == 1 { 0.5 } else { 1.0 });
         out.push(("splats lost to a race", boxed.caught(&lost)));
@@ -134,12 +137,12 @@ fn planted_errors_are_caught_in_nine_runs_of_ten() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     println!("| method | planted | caught of {RUNS} |\n|---|---|---|");
     let mut failed = Vec::new();
-    for method in [Method::RayQuery, Method::Path, Method::Raster] {
-        for (name, caught) in caught(gpu, method) {
-            println!("| {method} | {name} | {caught} |");
+    for technique in [Technique::RAY_QUERY, Technique::PATH, Technique::RASTER] {
+        for (name, caught) in caught(gpu, technique) {
+            println!("| {technique} | {name} | {caught} |");
             let good = if name.starts_with("nothing") { caught == 0 } else { 10 * caught >= 9 * RUNS as usize };
             if !good {
-                failed.push(format!("{method}, {name}: {caught}"));
+                failed.push(format!("{technique}, {name}: {caught}"));
             }
         }
     }

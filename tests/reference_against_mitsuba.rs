@@ -1,17 +1,24 @@
-//! The reference against images that Mitsuba 3 rendered of the same files.
+//! The reference against images that Mitsuba 3 rendered of the same scenes.
 //!
-//! By default every image at 128x128 and a few samples, by its mean and by the means of its parts. `cargo test --test reference_against_mitsuba -- --ignored
-//! --nocapture` renders all of them at 512x512 and 256 samples, prints the table and holds it to the bars.
+//! The images in tests/fixtures have 48x48 pixels and are always compared. The large ones beside the
+//! repository are compared at 128x128 and a few samples, by the mean of the image and by the means of its
+//! blocks. `cargo test --test reference_against_mitsuba -- --ignored --nocapture` renders all of them at
+//! 512x512 and 256 samples, prints the table and asserts its limits.
 
-use std::path::{Path, PathBuf};
+mod common;
+
+use std::path::Path;
 use std::time::Instant;
 
+use common::references;
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
-use lightsheaf::scene::{Bsdf, Light, Scene, mitsuba};
+use lightsheaf::scene::load::mitsuba;
+use lightsheaf::scene::{Bsdf, Light, Scene, builtin};
 
-/// A reference image: scene, depth, and the rel_mse of Mitsuba's own path tracer with 256 samples where it is known.
+/// A reference image: scene, depth, and the rel_mse of Mitsuba's own path tracer with 256 samples if it is
+/// known.
 struct Case {
     scene: &'static str,
     bounces: Option<u32>,
@@ -55,17 +62,7 @@ impl Case {
     }
 }
 
-/// Where the reference images lie, unless they are missing.
-fn folder() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/references");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    println!("skipped: {} is missing", folder.display());
-    None
-}
-
-/// Means of squares of pixels: what a box filter over larger pixels gives.
+/// Averages squares of pixels, as a box filter over larger pixels does.
 fn shrink(film: &Film, side: u32) -> Film {
     let factor = film.width / side;
     let mut small = Film::new(side, side);
@@ -79,19 +76,50 @@ fn shrink(film: &Film, side: u32) -> Film {
     small
 }
 
-/// A small render and what it should be.
+/// Renders a small picture, and shrinks Mitsuba's to its size.
 fn small(case: &Case, folder: &Path, scene: &Scene) -> (Film, Film) {
     let output = case.render(scene, 128, 32);
     assert_eq!(output.non_finite, 0, "{}", case.name());
     (output.film, shrink(&case.image(folder), 128))
 }
 
-/// The largest deviation of a block of 16x16 pixels, in standard deviations estimated from the block itself: the sum of the
-/// differences over the root of the sum of their squares. Blocks that agree to 0.1 % are left out, for half floats round.
-fn worst_block(image: &Film, reference: &Film) -> f64 {
-    let (side, mut worst, mut blocks) = (16, 0.0_f64, 0);
-    for block in 0..(image.width / side).pow(2) {
-        let corner = block % (image.width / side) * side + block / (image.width / side) * side * image.width;
+/// Samples per pixel of the pictures that are compared with fixtures.
+const FIXTURE_SAMPLES: u32 = 256;
+
+/// Pictures in tests/fixtures: scene and number of bounces.
+const FIXTURES: [(&str, Option<u32>); 6] = [
+    ("cornell_point", Some(2)),
+    ("cornell_point", None),
+    ("cornell_area", Some(2)),
+    ("cornell_area", None),
+    ("cornell_glossy", Some(2)),
+    ("cornell_env", Some(2)),
+];
+
+/// Returns Mitsuba's picture of a built-in scene (tests/fixtures/README.md).
+fn fixture(scene: &str, bounces: Option<u32>) -> Film {
+    let depth = bounces.map_or(String::new(), |bounces| format!("_{bounces}"));
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures");
+    Film::load(folder.join(format!("mitsuba_{scene}{depth}.exr"))).expect("the fixture can be read")
+}
+
+/// Renders a scene by the reference in the size of the fixtures.
+fn beside_fixture(scene: &Scene, bounces: Option<u32>) -> Film {
+    let settings = ReferenceSettings { width: 48, height: 48, samples: FIXTURE_SAMPLES, bounces, seed: 1, camera: 0 };
+    let output = Reference::new(scene).render(&settings, &|_, _| ());
+    assert_eq!(output.non_finite, 0);
+    output.film
+}
+
+/// Returns the largest deviation of a square block of pixels, in standard deviations estimated from the block
+/// itself: the sum of the differences over the root of the sum of their squares. Blocks that agree to 0.1 %
+/// are left out, since half floats round.
+fn worst_block(image: &Film, reference: &Film, side: u32) -> f64 {
+    let across = image.width / side;
+    assert!(image.pixels != reference.pixels, "the pictures are one");
+    let mut worst = 0.0_f64;
+    for block in 0..across.pow(2) {
+        let corner = block % across * side + block / across * side * image.width;
         let (mut sum, mut squares, mut total) = (0.0, 0.0, 0.0);
         for i in 0..side * side {
             let at = (corner + i / side * image.width + i % side) as usize;
@@ -102,30 +130,48 @@ fn worst_block(image: &Film, reference: &Film) -> f64 {
         }
         if sum.abs() > 1e-3 * total {
             worst = worst.max(sum.abs() / squares.sqrt());
-            blocks += 1;
         }
     }
-    assert!(blocks > 20, "too few blocks to say anything");
     worst
+}
+
+/// Half a million paths scatter the mean of a picture by 0.1 to 0.2 %, and 80 blocks deviate by 3.8 standard
+/// deviations at most at a significance of 1 % in all (Sidak). Blocks of cornell_glossy are not normally
+/// distributed, since rare paths are bright.
+#[test]
+fn fixtures_agree() {
+    for (name, bounces) in FIXTURES {
+        let (image, expected) = (beside_fixture(&builtin::load(name).unwrap(), bounces), fixture(name, bounces));
+        let c = compare(&image, &expected).expect("sizes agree");
+        let worst = worst_block(&image, &expected, 12);
+        println!("{name}, {bounces:?} bounces: mean_bias {:+.3} %, worst block {worst:.2}, {c:?}", 100.0 * c.mean_bias);
+        assert!(c.mean_bias.abs() < 0.01 && c.rel_mse < 0.05, "{name}, {bounces:?}: {c:?}");
+        assert!(
+            name == "cornell_glossy" || worst < 4.2,
+            "{name}, {bounces:?}: a block is off by {worst:.1} deviations"
+        );
+    }
 }
 
 #[test]
 fn means_and_blocks_agree_at_a_small_size() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = references() else { return };
     for case in &CASES {
         let (image, reference) = small(case, &folder, &case.load(&folder));
         let c = compare(&image, &reference).expect("sizes agree");
-        // Half a million paths scatter the mean by 0.1 to 0.2 %, but by 1.5 % under the spikes.
+        // Half a million paths scatter the mean by 0.1 to 0.2 %, but by 1.5 % in corner_spikes.
         let bar = if case.spikes() { 0.04 } else { 0.01 };
         assert!(c.mean_bias.abs() < bar, "{}: {c:?}", case.name());
         if let Some(mitsuba) = case.mitsuba_rel_mse.filter(|_| !case.spikes()) {
-            // An eighth of the samples. Pixels are larger and error falls faster than 1 / n, hence another factor of two.
+            // The picture has an eighth of the samples; the other factor of four allows for larger pixels,
+            // whose error falls faster than 1 / n.
             assert!(c.rel_mse < mitsuba * 8.0 * 4.0, "{}: {c:?}", case.name());
         }
-        // 384 blocks at a significance of 1 % in all (Sidak): 2.6e-5 each, 4.2 deviations. Not where rare bright paths make the
-        // noise lopsided: most blocks then lack them and are too dark by more deviations than a normal law allows.
+        // 384 blocks at a significance of 1 % in all (Sidak) allow 2.6e-5 each, 4.2 deviations. Scenes whose
+        // noise is skewed by rare bright paths are left out: most blocks lack such paths and are too dark by
+        // more deviations than a normal distribution allows.
         if case.scene != "cornell_glossy" && !case.spikes() {
-            let worst = worst_block(&image, &reference);
+            let worst = worst_block(&image, &reference, 16);
             assert!(worst < 4.2, "{}: a block is off by {worst:.1} deviations", case.name());
         }
     }
@@ -133,38 +179,34 @@ fn means_and_blocks_agree_at_a_small_size() {
 
 #[test]
 fn canary_another_light_is_noticed_in_the_mean() {
-    let Some(folder) = folder() else { return };
-    let case = &CASES[0];
-    let mut scene = case.load(&folder);
+    let mut scene = builtin::load("cornell_point").unwrap();
     let Some(Light::Point { intensity, .. }) = scene.lights.first_mut() else { panic!("a point light is expected") };
     *intensity *= 1.02;
-    let (image, reference) = small(case, &folder, &scene);
-    let bias = compare(&image, &reference).expect("sizes agree").mean_bias;
+    let image = beside_fixture(&scene, Some(2));
+    let bias = compare(&image, &fixture("cornell_point", Some(2))).expect("sizes agree").mean_bias;
     assert!(bias > 0.015 && bias < 0.025, "{bias}");
 }
 
 #[test]
 fn canary_another_wall_is_noticed_in_its_blocks() {
-    let Some(folder) = folder() else { return };
-    let case = &CASES[0];
-    let mut scene = case.load(&folder);
-    // Red's reflectance in the green channel, which hardly moves the image's mean.
+    let mut scene = builtin::load("cornell_point").unwrap();
+    // The red wall's reflectance in the green channel hardly changes the image's mean.
     let wall = scene.materials.iter_mut().find_map(|m| match &mut m.bsdf {
         Bsdf::Diffuse { reflectance } if reflectance.factor.x > 5.0 * reflectance.factor.y => Some(reflectance),
         _ => None,
     });
     wall.expect("there is a red wall").factor.y *= 1.5;
-    let (image, reference) = small(case, &folder, &scene);
-    let bias = compare(&image, &reference).expect("sizes agree").mean_bias;
+    let (image, expected) = (beside_fixture(&scene, Some(2)), fixture("cornell_point", Some(2)));
+    let bias = compare(&image, &expected).expect("sizes agree").mean_bias;
     assert!(bias.abs() < 0.01, "{bias}");
-    let worst = worst_block(&image, &reference);
+    let worst = worst_block(&image, &expected, 12);
     assert!(worst > 6.0, "{worst}");
 }
 
 #[test]
 #[ignore = "takes ten minutes; prints the table of the full comparison"]
 fn full_table() {
-    let Some(folder) = folder() else { return };
+    let Some(folder) = references() else { return };
     println!(
         "512x512, 256 samples, seed 1; net = rel_mse - own error of the image; Mitsuba = its path tracer at 256 samples"
     );

@@ -1,27 +1,55 @@
-//! Every shader links and validates with the sets of flags that can occur. Needs no GPU.
+//! Every shader, the library's and the tests' own, links and validates with the sets of flags that can occur.
+//! Needs no GPU.
+
+mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use lightsheaf::gpu::{link, module_names};
+use common::shaders;
+use lightsheaf::gpu::{Flag, Source, flag_names, link, link_source, module_names};
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use wgpu::naga;
 
-/// Source of a module, as it lies in the repository.
-fn source(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(name).with_extension("wesl");
+const CONNECT: &str = "shared/paths/connect";
+const EXTEND: &str = "shared/paths/extend";
+const LIST_LENGTHS: &str = "shared/views/list_lengths";
+const LIGHT_CANDIDATES: &str = "shared/light/light_candidates";
+const LIGHT_RESERVOIRS: &str = "shared/light/light_reservoirs";
+const EYE_PATHS: &str = "subpaths/eye_paths";
+const LIGHT_PATHS: &str = "subpaths/light_paths";
+const RESERVOIRS: &str = "subpaths/reservoirs";
+
+/// Returns the text of a module, as it lies in the repository.
+fn text(name: &str) -> String {
+    let folder = if shaders::find(name).is_some() { "tests/shaders" } else { "shaders" };
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join(name).with_extension("wesl");
     std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// Flags that `@if(...)` asks about in a source.
-fn flags_in(source: &str) -> BTreeSet<String> {
-    let conditions = source.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
+/// Links a module of the library or of the tests.
+fn link_any(name: &str, flags: &[Flag]) -> Result<String, String> {
+    link_source(&shaders::find(name).unwrap_or(Source::Embedded(name)), flags)
+}
+
+/// Returns the names in the `@if(...)` of a text.
+fn conditions_in(text: &str) -> BTreeSet<String> {
+    let conditions = text.split("@if(").skip(1).filter_map(|rest| rest.split(')').next());
     conditions.flat_map(|c| c.split(['!', '&', '|', ' ', '(']).filter(|f| !f.is_empty()).map(str::to_owned)).collect()
 }
 
-/// Modules that a source imports from, conditionally or not.
-fn imports_in(source: &str) -> Vec<String> {
-    let paths = source.split("import package::").skip(1);
+/// Returns the flags in the `@if(...)` of a module.
+fn flags_in(name: &str) -> BTreeSet<Flag> {
+    let flag = |condition: String| {
+        let found = Flag::ALL.iter().copied().find(|flag| flag.name() == condition);
+        found.unwrap_or_else(|| panic!("{name}: @if({condition}) is not a Flag"))
+    };
+    conditions_in(&text(name)).into_iter().map(flag).collect()
+}
+
+/// Returns the modules that a text imports from, conditionally or not.
+fn imports_in(text: &str) -> Vec<String> {
+    let paths = text.split("import package::").skip(1);
     paths
         .map(|rest| rest.split(';').next().unwrap_or_default())
         .map(|path| {
@@ -33,93 +61,102 @@ fn imports_in(source: &str) -> Vec<String> {
         .collect()
 }
 
-/// Flags of a module and of all that it imports.
-fn flags_of(name: &str) -> BTreeSet<String> {
+/// Returns the flags of a module and of all that it imports.
+fn flags_of(name: &str) -> BTreeSet<Flag> {
     let mut seen = BTreeSet::new();
     let mut flags = BTreeSet::new();
     let mut open = vec![name.to_owned()];
     while let Some(module) = open.pop() {
-        let source = source(&module);
-        flags.extend(flags_in(&source));
-        open.extend(imports_in(&source).into_iter().filter(|import| seen.insert(import.clone())));
+        flags.extend(flags_in(&module));
+        open.extend(imports_in(&text(&module)).into_iter().filter(|import| seen.insert(import.clone())));
     }
     flags
 }
 
-/// Whether the program can ask for this set of flags.
-fn sensible(pass: &str, set: &[&str]) -> bool {
+/// True if the program can link the pass with this set of flags.
+fn sensible(pass: &str, set: &[Flag]) -> bool {
     let has = |flag| set.contains(&flag);
-    // A map is an environment; only VPLs are clamped; the last extension exists only to meet light.
-    (!has("ENVIRONMENT_MAP") || has("ENVIRONMENT"))
-        // Bundles follow a map, and nothing else than rays or lists answers; a light's table is asked for light alone.
-        && (!has("SKY_BUNDLES") || pass != "extend" || has("ENVIRONMENT_MAP"))
-        && !(has("FAST") && has("RAY_QUERY"))
-        // Who chooses asks for no visibility.
-        && !(has("CHOOSE") && (has("FAST") || has("RAY_QUERY")))
-        // Patterns and tables are of lights that have to be sampled.
-        && (!has("PATTERNS") || has("PUNCTUAL"))
-        && (!has("RSM") || has("PUNCTUAL"))
-        && (!has("RSM") || has("LIGHT") || pass != "connect")
-        && !(has("CLAMPED") && has("LIGHT"))
-        // Those who follow mirrors do wherever anything is glossy, and what lets light pass is glossy too.
-        && has("SPECULAR") == (has("GLOSSY") && follows_mirrors(pass))
-        // What is resampled comes down the tree, and only where paths start at the camera alone.
-        && (!has("RESERVOIRS") || (has("LIGHT_TREE") && !has("LIGHT_PATHS")))
-        && (pass != "reservoirs" || has("LIGHT_TREE"))
-        // Frames that are filtered keep no light points.
-        && !(has("REUSE") && has("LAYERED"))
-        && (pass != "light_reuse" || has("REUSE"))
-        && (!has("TRANSMISSION") || has("SPECULAR"))
-        // Rays go anywhere, VPLs are somewhere.
-        && !(has("AFAR") && (has("RAY_QUERY") || has("CHOOSE")))
-        && (!has("AFAR") || has("LIGHT") || pass != "connect")
-        // Entries are counted where somebody reads the count.
-        && has("WALKED") == (pass == "list_lengths")
-        // Layers are not summed, and have no tiles that settle.
-        && !(has("SETTLES") && has("LAYERED"))
-        && (!has("LAST") || has("EMISSION") || has("ENVIRONMENT"))
+    // A map is part of an environment.
+    (!has(Flag::EnvironmentMap) || has(Flag::Environment))
+        // Bundle directions follow a map.
+        && (!has(Flag::SkyBundles) || pass != EXTEND || has(Flag::EnvironmentMap))
+        // Either rays or lists answer visibility, and a pass that selects light points tests none.
+        && !(has(Flag::Fast) && has(Flag::RayQuery))
+        && !(has(Flag::Choose) && (has(Flag::Fast) || has(Flag::RayQuery)))
+        // Patterns and the reflective shadow map belong to punctual lights; the map is read where y0 is
+        // connected.
+        && (!has(Flag::Patterns) || has(Flag::Punctual))
+        && (!has(Flag::Rsm) || has(Flag::Punctual))
+        && (!has(Flag::Rsm) || has(Flag::Light) || pass != CONNECT)
+        // Only VPLs are clamped.
+        && !(has(Flag::Clamped) && has(Flag::Light))
+        // Methods that follow mirrors do so wherever anything is glossy; transmission is glossy too.
+        && has(Flag::Specular) == (has(Flag::Glossy) && follows_mirrors(pass))
+        && (!has(Flag::Transmission) || has(Flag::Specular))
+        // Reservoirs resample lights of the tree, and only where no light subpaths are traced.
+        && (!has(Flag::Reservoirs) || (has(Flag::LightTree) && !has(Flag::LightPaths)))
+        && (pass != RESERVOIRS || has(Flag::LightTree))
+        // Denoised frames do not reuse light points.
+        && !(has(Flag::Reuse) && has(Flag::Layered))
+        && (pass != LIGHT_RESERVOIRS || has(Flag::Reuse))
+        // Rays reach infinity without a flag, and VPLs are local.
+        && !(has(Flag::Infinite) && (has(Flag::RayQuery) || has(Flag::Choose)))
+        && (!has(Flag::Infinite) || has(Flag::Light) || pass != CONNECT)
+        // Only one pass reads the count of list entries.
+        && has(Flag::Walked) == (pass == LIST_LENGTHS)
+        // Layers are not summed and have no converged tiles.
+        && !(has(Flag::Adaptive) && has(Flag::Layered))
+        // The last extension only finds light.
+        && (!has(Flag::Last) || has(Flag::Emission) || has(Flag::Environment))
 }
 
-/// Whether a pass goes on behind mirrors and through glass.
+/// True if a pass follows mirrors and glass.
 fn follows_mirrors(pass: &str) -> bool {
-    matches!(pass, "eye_paths" | "light_paths" | "mis_sums" | "draws" | "reservoirs")
+    [EYE_PATHS, LIGHT_PATHS, RESERVOIRS, "mis_sums", "draws"].contains(&pass)
 }
 
-/// Flags that are on, or off, while all others are not, in sets that every run of the tests links. A condition of ours asks about two
-/// flags at most, and needs one more for another.
-const FEW: u32 = 3;
+/// Every run of the tests links the sets with at most three flags on, and those with at most two off. A
+/// condition names two flags at most, so that code under one condition that needs code under another depends
+/// on four: each of their combinations with up to three on occurs in the former sets, each with two or more
+/// on in the latter.
+const FEW_ON: u32 = 3;
+const FEW_OFF: u32 = 2;
 
-/// Passes that ask views around light vertices which are infinitely far away, or may be.
-const ASKS_LIGHTS: [&str; 4] = ["connect", "light_pool", "light_reuse", "queries"];
+/// Passes that query views around light vertices, which may be infinite.
+const QUERIES_LIGHTS: [&str; 4] = [CONNECT, LIGHT_CANDIDATES, LIGHT_RESERVOIRS, "queries"];
 
-/// All sensible subsets, or those of them with few flags on, or few off.
-fn sets<'a>(pass: &str, flags: &[&'a str], every: bool) -> Vec<Vec<&'a str>> {
-    // Reached by imports alone; no set with it is sensible. SPECULAR comes with GLOSSY.
+/// Returns all sensible subsets, or only those with few flags on or few off.
+fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
+    // These flags are reached by imports alone, so that no set with them is sensible. SPECULAR comes with
+    // GLOSSY.
     let mirrors = follows_mirrors(pass);
-    assert!(!mirrors || flags.contains(&"SPECULAR"), "{pass}");
+    assert!(!mirrors || flags.contains(&Flag::Specular), "{pass}");
     let flags: Vec<_> = flags
         .iter()
         .copied()
-        .filter(|f| *f != "SPECULAR" && (mirrors || *f != "TRANSMISSION"))
-        .filter(|f| pass == "list_lengths" || *f != "WALKED")
-        .filter(|f| *f != "OUTLINES" && (ASKS_LIGHTS.contains(&pass) || *f != "AFAR"))
+        .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
+        .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
+        .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
-    assert!(flags.len() <= 14, "too many sets of {flags:?}: say which are not sensible together");
-    let few = |bits: &u32| bits.count_ones().min(flags.len() as u32 - bits.count_ones()) <= FEW;
+    assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
+    let few = |bits: &u32| {
+        let on = bits.count_ones();
+        on <= FEW_ON || flags.len() as u32 - on <= FEW_OFF
+    };
     (0..1_u32 << flags.len())
         .filter(|bits| every || few(bits))
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .map(|mut set| {
-            set.extend(set.contains(&"GLOSSY").then_some("SPECULAR").filter(|_| mirrors));
-            let along = matches!(pass, "extend" | "list_lengths" | "queries") && !set.contains(&"RAY_QUERY");
-            set.extend(along.then_some("OUTLINES"));
+            set.extend(set.contains(&Flag::Glossy).then_some(Flag::Specular).filter(|_| mirrors));
+            let along = [EXTEND, LIST_LENGTHS, "queries"].contains(&pass) && !set.contains(&Flag::RayQuery);
+            set.extend(along.then_some(Flag::Projected));
             set
         })
         .filter(|set| sensible(pass, set))
         .collect()
 }
 
-/// Parses and validates WGSL as a device does that has nothing beyond what every adapter has.
+/// Parses and validates WGSL with the capabilities that every adapter has.
 fn validate(wgsl: &str) -> Result<naga::Module, String> {
     validate_with(wgsl, naga::valid::Capabilities::default())
 }
@@ -132,17 +169,18 @@ fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<
     Ok(module)
 }
 
-/// Whether a pass asks ray queries.
-fn traces_rays(pass: &str, set: &[&str]) -> bool {
-    matches!(pass, "ray_queries" | "eye_paths" | "light_paths" | "mis_sums" | "reservoirs")
-        || set.contains(&"RAY_QUERY")
+/// True if a pass uses ray queries.
+fn traces_rays(pass: &str, set: &[Flag]) -> bool {
+    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS].contains(&pass) || set.contains(&Flag::RayQuery)
 }
 
-/// Modules with an entry point.
+/// Returns the modules with an entry point.
 fn passes() -> Vec<&'static str> {
-    module_names()
-        .filter(|name| ["@compute", "@vertex", "@fragment"].iter().any(|e| source(name).contains(e)))
-        .collect()
+    let tests: [&'static str; shaders::ALL.len()] = shaders::ALL.map(|module| match module {
+        Source::Embedded(name) | Source::Text(name, _) => name,
+    });
+    let all = module_names().chain(tests);
+    all.filter(|name| ["@compute", "@vertex", "@fragment"].iter().any(|e| text(name).contains(e))).collect()
 }
 
 #[test]
@@ -158,26 +196,22 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
 
 fn link_and_validate(every: bool) {
     let passes = passes();
-    assert!(passes.len() >= 9, "{passes:?}");
-    let flags: BTreeMap<&str, BTreeSet<String>> = passes.iter().map(|&p| (p, flags_of(p))).collect();
-    let cases: Vec<(&str, Vec<&str>)> = flags
+    assert!(passes.len() >= 30 && shaders::ALL.iter().all(|m| passes.contains(&m.name())), "{passes:?}");
+    let cases: Vec<(&str, Vec<Flag>)> = passes
         .iter()
-        .flat_map(|(&pass, flags)| {
-            let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
-            sets(pass, &flags, every).into_iter().map(move |set| (pass, set))
-        })
+        .flat_map(|&pass| sets(pass, &flags_of(pass), every).into_iter().map(move |set| (pass, set)))
         .collect();
     assert!(cases.len() > 100, "only {} cases", cases.len());
 
-    // The same text need not be validated twice: flags that a set does not reach change nothing.
+    // Sets that link to the same text are validated once.
     let linked: Vec<String> = cases
         .par_iter()
-        .map(|(pass, set)| link(pass, set).unwrap_or_else(|e| panic!("{pass} with {set:?} does not link: {e}")))
+        .map(|(pass, set)| link_any(pass, set).unwrap_or_else(|e| panic!("{pass} with {set:?} does not link: {e}")))
         .collect();
-    let distinct: BTreeMap<&String, &(&str, Vec<&str>)> = linked.iter().zip(&cases).collect();
+    let distinct: BTreeMap<&String, &(&str, Vec<Flag>)> = linked.iter().zip(&cases).collect();
     let distinct: Vec<_> = distinct.into_iter().collect();
     let tracing = distinct.par_iter().filter(|(wgsl, (pass, set))| {
-        // What asks no ray queries needs no capability; what does is refused without the one.
+        // A pass without ray queries needs no capability; one with them is refused without the capability.
         let traces = traces_rays(pass, set);
         let ray_query = naga::valid::Capabilities::RAY_QUERY;
         let capabilities = naga::valid::Capabilities::default() | if traces { ray_query } else { Default::default() };
@@ -189,19 +223,19 @@ fn link_and_validate(every: bool) {
     assert!(tracing.count() > 2);
     println!("{} sets of flags over {} passes, {} distinct shaders", cases.len(), passes.len(), distinct.len());
 
-    // Nothing that any shader asks about is left out, and each flag changes something.
-    let everywhere: BTreeSet<String> = module_names().flat_map(|name| flags_in(&source(name))).collect();
-    let covered: BTreeSet<String> = cases.iter().flat_map(|(_, set)| set.iter().map(|&f| f.to_owned())).collect();
-    assert!(everywhere.len() >= 10, "{everywhere:?}");
+    // Every flag that a shader names is in some set, and changes the text of some pass.
+    let everywhere: BTreeSet<Flag> = module_names().chain(passes.iter().copied()).flat_map(flags_in).collect();
+    let covered: BTreeSet<Flag> = cases.iter().flat_map(|(_, set)| set.iter().copied()).collect();
     assert_eq!(everywhere, covered);
+    assert_eq!(everywhere, Flag::ALL.iter().copied().collect(), "no shader names some flag");
     for flag in &everywhere {
         let matters = cases.iter().zip(&linked).any(|((pass, set), text)| {
-            set.contains(&flag.as_str()) && {
-                let without: Vec<&str> = set.iter().copied().filter(|f| f != flag).collect();
-                link(pass, &without).is_ok_and(|other| other != *text)
+            set.contains(flag) && {
+                let without: Vec<Flag> = set.iter().copied().filter(|f| f != flag).collect();
+                link_any(pass, &without).is_ok_and(|other| other != *text)
             }
         });
-        assert!(matters, "{flag} changes no shader");
+        assert!(matters, "{} changes no shader", flag_names(&[*flag]));
     }
 }
 
@@ -226,7 +260,7 @@ fn every_file_is_embedded() {
 
 #[test]
 fn planted_errors_are_caught() {
-    let good = link("connect", &[]).unwrap();
+    let good = link(CONNECT, &[]).unwrap();
     validate(&good).unwrap();
     let renamed = good.replace("sees(z.", "sees_nowhere(z.");
     assert_ne!(good, renamed);
@@ -235,9 +269,13 @@ fn planted_errors_are_caught() {
     assert_ne!(good, mistyped);
     assert!(validate(&mistyped).is_err(), "a wrong type must not validate");
     assert!(link("no_such_pass", &[]).is_err(), "an unknown module must not link");
-    // A flag that does not exist is off, and changes nothing.
-    assert_eq!(good, link("connect", &["NO_SUCH_FLAG"]).unwrap());
-    // The readers of flags and imports see what is there.
-    assert_eq!(flags_in("@if(!A) x @if(B && !C) y @else z"), ["A", "B", "C"].map(str::to_owned).into());
+    let unknown = "import package::lib::scene::scene::NOT_THERE;
+        @compute @workgroup_size(1) fn main() { let x = NOT_THERE; }";
+    let linked = link_source(&Source::Text("planted", unknown), &[]).and_then(|wgsl| validate(&wgsl));
+    assert!(linked.is_err(), "an unknown import must not link and validate");
+    // A flag that does not occur in a module changes nothing.
+    assert_eq!(good, link(CONNECT, &[Flag::Waves]).unwrap());
+    // The readers of conditions and imports find all of them.
+    assert_eq!(conditions_in("@if(!A) x @if(B && !C) y @else z"), ["A", "B", "C"].map(str::to_owned).into());
     assert_eq!(imports_in("@if(A) import package::lib::a::b;\nimport package::lib::c::{d, e};"), ["lib/a", "lib/c"]);
 }

@@ -1,4 +1,5 @@
-//! What a scene does not need has no pass, no pipeline, no byte and no code: from the plan, and from what wgpu was asked for.
+//! A feature that a scene does not need has no pass, no pipeline, no byte and no code: according to the plan,
+//! and to the ledger of wgpu's calls.
 
 mod common;
 
@@ -10,37 +11,38 @@ use common::scenes::{add, emitter, floor, pinhole, quad, room};
 use common::{gpu, gpu_with_ray_queries};
 use glam::{Mat3, Vec3};
 use lightsheaf::film::Film;
-use lightsheaf::gpu::{Counts, Gpu};
-use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::renderer::{Progressive as _, Renderer};
+use lightsheaf::gpu::{Counts, Flag, Gpu};
+use lightsheaf::render::renderer::Renderer as _;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{
     AlphaMask, Bsdf, Displacement, EdgeFactor, Environment, EnvironmentMap, Filter, Geometry, Height, Image, Lens,
     Light, Mapping, Material, Pattern, Rows, Scene, SceneStats, Tessellation, Texture, TextureRef, Wave, Wrap, builtin,
 };
-use lightsheaf::settings::{LightSampling, Method, Settings, Strategies, Visibility};
+use lightsheaf::settings::{LightSampling, Settings, Strategies, Technique};
 
-/// The ledger is the device's, and time is the machine's: one test after the other.
+/// All tests share the device's ledger and the machine's time, so that they take turns.
 fn alone() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
     ONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// What a render of it planned and asked for.
+/// The flags and runs that a render planned, and the calls that it made.
 struct Asked {
-    flags: Vec<&'static str>,
+    flags: Vec<Flag>,
     runs: Vec<(&'static str, u32)>,
     counts: Counts,
 }
 
 impl Asked {
-    /// Names of everything that was created, recorded or compiled.
+    /// Returns the names of everything that was created, recorded or compiled.
     fn names(&self) -> BTreeSet<String> {
         let Counts { pipelines, functions, passes, buffers, textures, .. } = &self.counts;
         let labels = [pipelines.keys().collect::<Vec<_>>(), passes.keys().collect()].concat();
         let labels = labels.into_iter().map(|label| format!("pass {label}"));
         let memory = buffers.keys().chain(textures.keys()).map(|label| format!("memory {label}"));
         let code = functions.values().flatten().map(|name| format!("code {name}"));
-        let flags = self.flags.iter().map(|flag| format!("flag {flag}"));
+        let flags = self.flags.iter().map(|flag| format!("flag {}", flag.name()));
         labels.chain(memory).chain(code).chain(flags).collect()
     }
 
@@ -49,12 +51,13 @@ impl Asked {
     }
 }
 
-/// Builds what the scene needs, and renders some iterations.
+/// Builds a renderer and renders some iterations.
 fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked {
     gpu.ledger.reset();
-    let listed = |passes: &[lightsheaf::plan::PlannedPass]| passes.iter().map(|p| (p.name, p.runs)).collect();
-    let (flags, runs) = if settings.method.shares_subpaths() {
-        let mut renderer = Renderer::new(gpu, scene, settings).unwrap();
+    let listed =
+        |passes: &[lightsheaf::render::planned_pass::PlannedPass]| passes.iter().map(|p| (p.name, p.runs)).collect();
+    let (flags, runs) = if settings.technique.shares_subpaths() {
+        let mut renderer = SharedRenderer::new(gpu, scene, settings).unwrap();
         renderer.render(iterations, &mut |_| true).unwrap();
         let plan = renderer.plan();
         ([plan.surface_flags.as_slice(), &plan.light_flags].concat(), listed(&plan.passes))
@@ -66,11 +69,11 @@ fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked 
     Asked { flags, runs, counts: gpu.ledger.counts() }
 }
 
-fn settings(method: Method) -> Settings {
-    Settings { method, width: 8, height: 8, ..Settings::plain() }
+fn settings(technique: Technique) -> Settings {
+    Settings { technique, width: 8, height: 8, ..Settings::plain() }
 }
 
-/// A room of grey walls with a point light: what any picture needs, and light.
+/// Returns a room of grey walls with a point light: the minimum that any picture needs.
 fn plain() -> Scene {
     let mut scene = Scene { cameras: vec![pinhole(Vec3::new(0.2, 0.1, 0.8), Vec3::NEG_Z, 1.0)], ..Scene::default() };
     add(&mut scene, room(), Material::diffuse("room", Vec3::splat(0.5)));
@@ -123,7 +126,7 @@ fn sky(map: bool) -> Environment {
     Environment { radiance: Vec3::ONE, map, world_from_environment: Mat3::IDENTITY }
 }
 
-/// What a feature brings, by raster and by ray queries. Each name is asked for with it, and not without.
+/// A feature with the names that exist with it and not without it, by raster and by ray queries.
 struct Feature {
     name: &'static str,
     with: Scene,
@@ -252,29 +255,29 @@ fn what_a_scene_does_not_need_is_not_there() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
     let _alone = alone();
     for Feature { name, with, without, raster, rays: by_rays } in features() {
-        for (gpu, method, names) in [(gpu, Method::Raster, raster), (rays, Method::RayQuery, by_rays)] {
-            let [present, absent] = [&with, &without].map(|scene| ask(gpu, scene, &settings(method), 0).names());
+        for (gpu, technique, names) in [(gpu, Technique::RASTER, raster), (rays, Technique::RAY_QUERY, by_rays)] {
+            let [present, absent] = [&with, &without].map(|scene| ask(gpu, scene, &settings(technique), 0).names());
             for wanted in names {
-                assert!(present.contains(*wanted), "{name}, {method}: no {wanted} with it; there is {present:#?}");
-                assert!(!absent.contains(*wanted), "{name}, {method}: {wanted} without it");
+                assert!(present.contains(*wanted), "{name}, {technique}: no {wanted} with it; there is {present:#?}");
+                assert!(!absent.contains(*wanted), "{name}, {technique}: {wanted} without it");
             }
-            // Nothing else is there only without it.
+            // No other name exists only without the feature.
             let more: Vec<_> = absent.difference(&present).collect();
-            assert!(more.is_empty(), "{name}, {method}: {more:?} only without it");
+            assert!(more.is_empty(), "{name}, {technique}: {more:?} only without it");
         }
     }
-    // No method has raster let light pass.
+    // Raster renders no transmission.
     let glass = with(|s| add(s, shelf(), metal(0.9))).without_glass();
-    let names = ask(gpu, &glass, &settings(Method::Raster), 0).names();
-    assert!(!names.iter().any(|n| n.contains("TRANSMISSION") || n == "code passing_eval"), "{names:#?}");
-    // What is not built is not there either.
+    let names = ask(gpu, &glass, &settings(Technique::RASTER), 0).names();
+    assert!(!names.iter().any(|n| n.contains(Flag::Transmission.name()) || n == "code passing_eval"), "{names:#?}");
+    // Names of features that do not exist are absent.
     for scene in [plain(), glass] {
-        let names = ask(gpu, &scene, &settings(Method::Raster), 0).names();
+        let names = ask(gpu, &scene, &settings(Technique::RASTER), 0).names();
         assert!(!names.iter().any(|n| n.contains("anim") || n.contains("skin") || n.contains("denois")), "{names:#?}");
     }
 }
 
-/// Flags come from what a scene says, tables from what shines: code must not ask for a table that is not there.
+/// Flags follow from the scene's lights, tables from their power: code must not need a table that is missing.
 #[test]
 fn lights_that_never_shine_leave_no_table_missing() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
@@ -299,35 +302,36 @@ fn lights_that_never_shine_leave_no_table_missing() {
         ("flat lamp", dark(&flat)),
     ];
     for (name, scene) in &scenes {
-        for method in [Method::Raster, Method::Twin, Method::Path, Method::RayQuery] {
-            let gpu = if method.traces_rays() { rays } else { gpu };
-            ask(gpu, scene, &settings(method), 1);
-            gpu.check().unwrap_or_else(|e| panic!("{name}, {method}: {e}"));
+        for technique in [Technique::RASTER, Technique::TWIN, Technique::PATH, Technique::RAY_QUERY] {
+            let gpu = if technique.needs_ray_queries() { rays } else { gpu };
+            ask(gpu, scene, &settings(technique), 1);
+            gpu.check().unwrap_or_else(|e| panic!("{name}, {technique}: {e}"));
         }
     }
-    // The paper meets lamps, and never starts from one.
+    // The paper's set hits lamps and never starts from one.
     let lamp = with(|s| add(s, floor(0.2, 0.9), emitter(0.5, Vec3::ONE, true)));
-    let paper = Settings { strategies: Strategies::Paper, ..settings(Method::Raster) };
+    let paper = Settings { strategies: Strategies::Paper, ..settings(Technique::RASTER) };
     for scene in [lamp, scenes[1].1.clone()] {
         ask(gpu, &scene, &paper, 1);
         gpu.check().unwrap();
     }
 }
 
-/// What the plan counts is what was recorded: passes, and the buffers of views, by number of bounces.
+/// The plan's runs are those that were recorded, and its views those that were allocated, for each number of
+/// bounces.
 #[test]
 fn bounces_that_nobody_asks_for_are_not_there() {
     let Some(gpu) = gpu() else { return };
     let _alone = alone();
     let mut before = None;
     for bounces in 0..4 {
-        let asked = ask(gpu, &plain(), &Settings { bounces, ..settings(Method::Raster) }, 2);
+        let asked = ask(gpu, &plain(), &Settings { bounces, ..settings(Technique::RASTER) }, 2);
         let views = asked.counts.buffers["lists"].count;
         let lists = asked.counts.passes["view_lists"].dispatches;
         let extends = asked.counts.passes.get("extend").map_or(0, |p| p.dispatches);
         let vertices = asked.counts.passes.get("light_subpath").map_or(0, |p| p.dispatches);
         let planned = ["view_lists", "extend", "light_subpath"].map(|pass| u64::from(asked.runs(pass)));
-        // Two iterations; the light's own view is filled once.
+        // Two iterations are rendered; the light's own view is rasterized once.
         assert_eq!([lists + 1, extends, vertices], planned.map(|n| 2 * n), "{bounces} bounces");
         assert_eq!(views, planned[0], "{bounces} bounces");
         assert_eq!((extends, vertices), (2 * u64::from(bounces), 2 * u64::from(bounces.min(2))));
@@ -336,44 +340,45 @@ fn bounces_that_nobody_asks_for_are_not_there() {
         assert!(before.is_none_or(|before| before < bytes), "{bounces} bounces: {bytes}");
         before = Some(bytes);
     }
-    // Without a light nothing is joined, and nothing rasterized but what the camera sees.
-    let dark = ask(gpu, &with(|s| s.lights.clear()), &settings(Method::Raster), 2);
+    // Without a light nothing is connected, and only the camera's view is rasterized.
+    let dark = ask(gpu, &with(|s| s.lights.clear()), &settings(Technique::RASTER), 2);
     let passes: Vec<_> = dark.counts.passes.keys().collect();
     assert_eq!(passes, ["accumulate", "eye_vertices", "gbuffer"]);
     for pass in ["view_setup", "view_lists", "light_point", "rsm", "light_subpath", "connect", "extend"] {
         assert_eq!(dark.runs(pass), 0, "{pass}");
     }
-    for label in ["lists", "outlines", "items", "lights", "light_sums", "rsm"] {
+    for label in ["lists", "projected_triangles", "items", "lights", "light_sums", "rsm"] {
         assert!(!dark.counts.buffers.contains_key(label), "{label}");
     }
 }
 
-/// Iterations that look alike share a G-buffer.
+/// Iterations of one camera share a G-buffer.
 #[test]
 fn looks_are_drawn_once() {
     let Some(gpu) = gpu() else { return };
     let _alone = alone();
     let draws = |side, scene: &Scene| {
-        let settings = Settings { width: side, height: side, ..settings(Method::Raster) };
+        let settings = Settings { width: side, height: side, ..settings(Technique::RASTER) };
         ask(gpu, scene, &settings, 5).counts.passes["gbuffer"].draws
     };
     let lens = with(|s| s.cameras[0].lens = Some(Lens { radius: 0.01, focus: 1.0 }));
     assert_eq!([draws(4, &plain()), draws(8, &plain()), draws(4, &lens)], [3, 5, 5]);
 }
 
-/// Pictures that are only summed have nothing of those that are filtered frame by frame, and these have what was asked for.
+/// Pictures that are only summed have no denoising passes, and denoised pictures have only those that were
+/// asked for.
 #[test]
 fn frames_are_filtered_only_where_asked() {
     let Some(gpu) = gpu() else { return };
     let _alone = alone();
     let of = |settings: Settings| ask(gpu, &plain(), &settings, 2);
-    let base = settings(Method::Raster);
+    let base = settings(Technique::RASTER);
     let summed = of(base.clone()).names();
     let has = |names: &BTreeSet<String>, parts: &[&str]| {
         let parts = parts.iter().filter(|part| names.contains(**part));
         parts.map(|part| (*part).to_owned()).collect::<Vec<_>>()
     };
-    let all = ["pass gradient", "pass temporal", "pass filter", "pass outliers", "pass compose", "pass antialias"];
+    let all = ["pass gradient", "pass temporal", "pass filter", "pass firefly_clamp", "pass compose", "pass antialias"];
     let kept =
         ["memory guides", "memory clear", "memory indirect", "memory history", "memory filtered", "memory gradients"];
     let code = ["code guide_of", "code are_alike", "code layer_index"];
@@ -389,58 +394,67 @@ fn frames_are_filtered_only_where_asked() {
     let unfiltered = of(Settings { interleave: Some(2), unfiltered: true, ..base.clone() }).names();
     assert_eq!(has(&unfiltered, &all), ["pass compose", "pass antialias"]);
     let both = of(Settings { interleave: Some(2), history: 8, upsample: 2, tame_outliers: true, ..base });
-    // Nothing has changed yet, so nothing asks how much.
+    // Nothing has changed yet, so that no gradient is measured.
     assert!(!both.counts.passes.contains_key("gradient"));
     let both = both.names();
     assert_eq!(has(&both, &all), all);
     assert!(both.contains("memory layer_guides") && !filtered.contains("memory layer_guides"));
 }
 
-/// Tiles of pictures settle only where an error is asked for, and frames with layers have none.
+/// Tiles converge only if an error is asked for, and never in denoised pictures.
 #[test]
 fn tiles_settle_only_where_an_error_is_asked_for() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
     let _alone = alone();
-    let brought = ["memory settled", "code is_settled"];
-    for method in [Method::Raster, Method::Twin, Method::RayQuery, Method::Path] {
-        let gpu = if method.traces_rays() { rays } else { gpu };
-        let asked = |target_error| ask(gpu, &plain(), &Settings { target_error, ..settings(method) }, 2);
+    let brought = ["memory converged", "code is_converged"];
+    for technique in [Technique::RASTER, Technique::TWIN, Technique::RAY_QUERY, Technique::PATH] {
+        let gpu = if technique.needs_ray_queries() { rays } else { gpu };
+        let asked = |target_error| ask(gpu, &plain(), &Settings { target_error, ..settings(technique) }, 2);
         let (with, without) = (asked(Some(0.01)).names(), asked(None).names());
         let more: Vec<_> = with.difference(&without).filter(|name| !name.starts_with("flag ")).collect();
-        assert!(brought.iter().all(|name| with.contains(*name) && !without.contains(*name)), "{method}: {with:?}");
+        assert!(brought.iter().all(|name| with.contains(*name) && !without.contains(*name)), "{technique}: {with:?}");
         assert!(
             more.iter().all(|name| brought.contains(&name.as_str()) || *name == "code place_of"),
-            "{method}: {more:?}"
+            "{technique}: {more:?}"
         );
-        assert!(without.is_subset(&with), "{method}");
+        assert!(without.is_subset(&with), "{technique}");
     }
-    let live = Settings { target_error: Some(0.01), history: 8, ..settings(Method::Raster) };
+    let live = Settings { target_error: Some(0.01), history: 8, ..settings(Technique::RASTER) };
     let live = ask(gpu, &plain(), &live, 2).names();
     assert!(brought.iter().all(|name| !live.contains(*name)), "{live:?}");
 }
 
-/// Light points of two iterations and what pixels kept of them are there only for reuse.
+/// Light points of two iterations and the reservoirs of pixels exist only with reuse.
 #[test]
 fn what_was_kept_is_there_only_for_reuse() {
     let Some(gpu) = gpu() else { return };
     let _alone = alone();
-    let of = |light_sampling| ask(gpu, &plain(), &Settings { light_sampling, ..settings(Method::Raster) }, 3);
+    let of = |light_sampling| ask(gpu, &plain(), &Settings { light_sampling, ..settings(Technique::RASTER) }, 3);
     let names = |asked: &Asked| {
         let all = asked.names();
-        ["pass light_pool", "pass light_reuse", "pass light_reuse_test", "memory choices", "memory pool_sites"]
-            .map(|name| all.contains(name))
+        [
+            "pass light_candidates",
+            "pass light_reservoirs",
+            "pass light_reservoirs_test",
+            "memory selected_lights",
+            "memory pixel_reservoirs",
+        ]
+        .map(|name| all.contains(name))
     };
     let restir = of(Some(LightSampling::Restir));
     assert_eq!(names(&of(None)), [false; 5]);
     assert_eq!(names(&of(Some(LightSampling::Ris))), [true, false, false, true, false]);
     assert_eq!(names(&restir), [true; 5]);
-    // Three iterations, each of which fills the views of its own pool once and asks those of two.
+    // Three iterations rasterize the views of their own pool once each and query those of two.
     let dispatches = |pass| restir.counts.passes[pass].dispatches;
-    assert_eq!(dispatches("light_reuse") + dispatches("light_reuse_test"), 3 * u64::from(restir.runs("light_reuse")));
+    assert_eq!(
+        dispatches("light_reservoirs") + dispatches("light_reservoirs_test"),
+        3 * u64::from(restir.runs("light_reservoirs"))
+    );
     assert_eq!(dispatches("view_lists"), 3 * u64::from(restir.runs("view_lists")));
 }
 
-/// The plan says what will be allocated beside the scene, and that is what was: within 5 %.
+/// The plan's bytes beside the scene are those that were allocated, within 5 %.
 #[test]
 fn memory_is_what_the_plan_says() {
     let (Some(gpu), Some(rays)) = (gpu(), gpu_with_ray_queries()) else { return };
@@ -451,31 +465,31 @@ fn memory_is_what_the_plan_says() {
         let scene = builtin::load(name).unwrap();
         for settings in [
             base.clone(),
-            Settings { visibility: Visibility::Fast, ..base.clone() },
+            Settings { technique: Technique::FAST, ..base.clone() },
             Settings { bounces: 0, ..base.clone() },
             Settings { width: 1024, height: 512, list_room: 0.5, ..base.clone() },
             Settings { interleave: Some(4), history: 16, upsample: 2, ..base.clone() },
-            Settings { method: Method::Twin, ..base.clone() },
+            Settings { technique: Technique::TWIN, ..base.clone() },
             Settings { light_sampling: Some(LightSampling::Restir), light_pool: Some(4), ..base.clone() },
-            Settings { method: Method::Path, ..base.clone() },
-            Settings { method: Method::RayQuery, bounces: 4, ..base.clone() },
+            Settings { technique: Technique::PATH, ..base.clone() },
+            Settings { technique: Technique::RAY_QUERY, bounces: 4, ..base.clone() },
         ] {
-            let gpu = if settings.method.traces_rays() { rays } else { gpu };
+            let gpu = if settings.technique.needs_ray_queries() { rays } else { gpu };
             gpu.ledger.reset();
-            let (planned, stats) = if settings.method.shares_subpaths() {
-                let renderer = Renderer::new(gpu, &scene, &settings).unwrap();
+            let (planned, stats) = if settings.technique.shares_subpaths() {
+                let renderer = SharedRenderer::new(gpu, &scene, &settings).unwrap();
                 (renderer.plan().bytes, renderer.stats())
             } else {
                 let renderer = PathRenderer::new(gpu, &scene, &settings).unwrap();
                 (renderer.plan().bytes, renderer.stats())
             };
             let asked = gpu.ledger.counts();
-            // The tables that acceleration structures are built from are the scene's.
+            // The tables that acceleration structures are built from belong to the scene.
             let building: u64 =
                 ["indices", "first_triangles"].iter().filter_map(|l| asked.buffers.get(*l)).map(|b| b.bytes).sum();
             let real = asked.bytes() - stats.scene_bytes - building;
             let off = |a: u64| (a as f64 / real as f64 - 1.0).abs();
-            println!("{name}, {}: planned {planned}, said {}, asked for {real}", settings.method, stats.bytes);
+            println!("{name}, {}: planned {planned}, said {}, asked for {real}", settings.technique, stats.bytes);
             assert!(off(planned) < 0.05, "{name}, {settings:?}: {planned} planned, {real} asked for");
             assert!(off(stats.bytes) < 0.05, "{name}, {settings:?}: {} said, {real} asked for", stats.bytes);
             checked += 1;
@@ -484,13 +498,13 @@ fn memory_is_what_the_plan_says() {
     assert_eq!(checked, 54);
 }
 
-/// The facts of a scene that has everything.
+/// Returns the facts of a scene that has everything.
 fn everything(scene: &Scene) -> SceneStats {
     let stats = SceneStats::new(scene, &Geometry::new(scene));
     SceneStats {
         patterns: true,
-        near_lights: true,
-        far_lights: true,
+        local_lights: true,
+        infinite_lights: true,
         emissive_triangles: 1,
         environment: true,
         environment_map: true,
@@ -502,8 +516,8 @@ fn everything(scene: &Scene) -> SceneStats {
     }
 }
 
-/// Seconds of the fastest of several runs of each, in turns.
-fn seconds(renderers: &mut [Renderer], samples: u64, turns: u32) -> Vec<f64> {
+/// Returns the seconds of the fastest of several runs of each renderer, in turns.
+fn seconds(renderers: &mut [SharedRenderer], samples: u64, turns: u32) -> Vec<f64> {
     let mut least = vec![f64::INFINITY; renderers.len()];
     for _ in 0..turns {
         for (renderer, least) in renderers.iter_mut().zip(&mut least) {
@@ -515,13 +529,13 @@ fn seconds(renderers: &mut [Renderer], samples: u64, turns: u32) -> Vec<f64> {
     least
 }
 
-/// A diffuse scene with one light, as it is and with everything forced on: the same picture.
+/// A diffuse scene with one light gives the same picture with all features forced on.
 #[test]
 fn skipping_changes_no_picture() {
     skipped_and_forced();
 }
 
-/// The time that skipping saves. Asked for alone, since other work on the machine can hide it.
+/// Skipping saves time. The test is run on demand, since other work on the machine can hide it.
 #[test]
 #[ignore = "a matter of the clock"]
 fn skipping_saves_time() {
@@ -530,23 +544,27 @@ fn skipping_saves_time() {
     }
 }
 
-/// Seconds of both, whose pictures are the same.
+/// Returns the seconds of both renderers, whose pictures have to be the same.
 fn skipped_and_forced() -> Option<[f64; 2]> {
     let gpu = gpu()?;
     let _alone = alone();
     let scene = builtin::load("cornell_point").unwrap();
-    // One edge in some ten millions passes a border so closely that rounding, which differs between shaders, decides; none with this seed.
+    // One edge in some ten millions passes a border so closely that rounding, which differs between shaders,
+    // decides; with this seed there is none.
     let settings = Settings { width: 192, height: 192, bounces: 1, seed: 2, ..Settings::plain() };
     let mut renderers = [
-        Renderer::new(gpu, &scene, &settings).unwrap(),
-        Renderer::forced(gpu, &scene, &settings, everything(&scene)).unwrap(),
+        SharedRenderer::new(gpu, &scene, &settings).unwrap(),
+        SharedRenderer::forced(gpu, &scene, &settings, everything(&scene)).unwrap(),
     ];
     let forced = renderers[1].plan();
-    for flag in ["TEXTURES", "VERTEX_COLORS", "GLOSSY", "MASKS"] {
+    for flag in [Flag::Textures, Flag::VertexColors, Flag::Glossy, Flag::Masks] {
         assert!(forced.surface_flags.contains(&flag) && !renderers[0].plan().surface_flags.contains(&flag));
     }
-    assert_eq!(forced.light_flags, ["PUNCTUAL", "PATTERNS", "EMISSION", "ENVIRONMENT", "ENVIRONMENT_MAP"]);
-    assert_eq!(renderers[0].plan().light_flags, ["PUNCTUAL"]);
+    assert_eq!(
+        forced.light_flags,
+        [Flag::Punctual, Flag::Patterns, Flag::Emission, Flag::Environment, Flag::EnvironmentMap]
+    );
+    assert_eq!(renderers[0].plan().light_flags, [Flag::Punctual]);
     let times = seconds(&mut renderers, 4, 8);
     let films: Vec<Film> = renderers.iter().map(|r| r.film().unwrap()).collect();
     let mean = films[0].pixels.iter().flatten().sum::<f32>() / (3 * films[0].pixels.len()) as f32;

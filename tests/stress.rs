@@ -1,4 +1,4 @@
-//! The battery of odd scenes in its short form, and that nothing wrong gets through it.
+//! The short form of the stress battery passes, and planted failures are reported.
 
 mod common;
 
@@ -8,15 +8,15 @@ use std::sync::Mutex;
 use common::scenes::{add, emitter, floor, parallel};
 use glam::Vec3;
 use lightsheaf::scene::{Light, Scene};
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::settings::{Settings, Technique};
 use lightsheaf::stress::messages::Listener;
 use lightsheaf::stress::{CASES, Case, Report, Seen, Stage, run, select};
 
-/// What is heard is heard by the whole process: one battery at a time.
+/// The listener hears the messages of the whole process, so that batteries take turns.
 static ONE: Mutex<()> = Mutex::new(());
 
 fn planted(name: &'static str, run: fn(&Stage) -> Seen) -> Case {
-    Case { name, right: "nothing is", methods: &[Method::Raster], long: false, run }
+    Case { name, right: "nothing is", methods: &[Technique::RASTER], long: false, run }
 }
 
 fn run_all(cases: &[Case]) -> Report {
@@ -45,11 +45,11 @@ fn cases_are_told_apart_and_say_what_is_right() {
     let [short, rasters, all] =
         [(true, true), (false, false), (false, true)].map(|(short, ray_queries)| select(CASES, short, ray_queries));
     assert_eq!(short.len(), CASES.len() - 1);
-    assert!(short.iter().chain(&rasters).all(|(_, method)| *method == Method::Raster));
+    assert!(short.iter().chain(&rasters).all(|(_, technique)| *technique == Technique::RASTER));
     assert!(rasters.len() == CASES.len() && all.len() > 2 * CASES.len());
 }
 
-/// Whatever a case does wrong, it is in the report, in words, and the cases after it are none the worse.
+/// Any failure of a case is reported in words, and later cases still run.
 #[test]
 fn planted_failures_are_reported() {
     if common::gpu().is_none() {
@@ -65,7 +65,7 @@ fn planted_failures_are_reported() {
         planted("wrong", |_| Err("off by one".to_owned())),
         planted("panic", |_| panic!("a planted panic")),
         planted("device", |stage| {
-            // A buffer that is both mapped and bound is no buffer.
+            // A buffer cannot be both mapped and bound.
             let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::STORAGE;
             let descriptor =
                 wgpu::BufferDescriptor { label: Some("planted"), size: 16, usage, mapped_at_creation: false };
@@ -104,7 +104,7 @@ fn planted_failures_are_reported() {
         assert!(of(name).contains(words), "{name}: {}", of(name));
     }
     assert!(!of("validation").contains("harmless") && !of("validation").contains("driver"));
-    // The table says it too.
+    // The table reports the same.
     let table = report.to_string();
     assert!(
         table.contains("WRONG") && table.contains("right is: nothing is") && table.contains("3 of 8 right"),

@@ -1,5 +1,5 @@
-//! Finer surfaces: closed meshes stay closed whatever the factors, the compute stage is the CPU's twin, frames are those of a baked scene,
-//! and `raster`, `twin` and the reference agree on them.
+//! Tests of tessellation: closed meshes stay closed for any factors, the compute stage equals the CPU, frames
+//! equal those of a baked scene, and `raster`, `twin` and the reference agree on them.
 
 mod common;
 
@@ -11,20 +11,21 @@ use common::scenes::pinhole;
 use common::{gpu, gpu_with_ray_queries, matte, picture, reference, shared};
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec4};
 use lightsheaf::film::Film;
-use lightsheaf::gpu::{Gpu, read_back};
-use lightsheaf::gpu_scene::GpuScene;
-use lightsheaf::layouts::Attributes;
-use lightsheaf::light_table::{LightTable, Met};
+use lightsheaf::gpu::{Flag, Gpu, read_back};
 use lightsheaf::metrics::compare;
-use lightsheaf::path_renderer::PathRenderer;
-use lightsheaf::posing::Posing;
-use lightsheaf::renderer::{Progressive, Renderer};
-use lightsheaf::scene::shapes::{cube, icosphere, sphere};
+use lightsheaf::render::layouts::Attributes;
+use lightsheaf::render::lights::table::{Hittable, LightTable};
+use lightsheaf::render::renderer::Renderer;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::render::subpaths::PathRenderer;
+use lightsheaf::render::upload::deformation::Deformer;
+use lightsheaf::render::upload::gpu_scene::GpuScene;
+use lightsheaf::scene::model::shapes::{cube, icosphere, sphere};
 use lightsheaf::scene::{
     self, Displacement, EdgeFactor, Geometry, Height, HeightMap, Instance, Light, Material, Mesh, Scene, Tessellation,
     Viewpoint, Wave, Wrap, builtin,
 };
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::settings::{Settings, Technique};
 use lightsheaf::staging::{self, Staging};
 
 fn noise(scale: f32) -> Option<Displacement> {
@@ -42,7 +43,7 @@ fn waves(scale: f32) -> Option<Displacement> {
     Some(Displacement { height, scale, bias: 0.0 })
 }
 
-/// A mesh alone before a camera, finer where it is nearer.
+/// Returns a mesh before a camera, refined more where it is nearer.
 fn alone(mut mesh: Mesh, tessellation: Tessellation) -> Scene {
     tessellation.refine(&mut mesh);
     let texels = (0..35_u32).map(|i| (i * 7919 % 101) as f32 / 100.0).collect();
@@ -58,7 +59,8 @@ fn alone(mut mesh: Mesh, tessellation: Tessellation) -> Scene {
     }
 }
 
-/// Closed meshes with all that can part at an edge: factors that differ, split normals, coordinates that do not go on.
+/// Returns closed meshes with every feature that can open an edge: unequal factors, split normals, and seams
+/// of coordinates.
 fn closed() -> Vec<(&'static str, Scene)> {
     let of = |factor, phong, displacement| Tessellation { factor, phong, displacement };
     let pixels = EdgeFactor::Pixels(9.0);
@@ -76,7 +78,8 @@ fn closed() -> Vec<(&'static str, Scene)> {
     ]
 }
 
-/// How many edges are not those of exactly two triangles that run along them in opposite directions; corners are the same to the bit.
+/// Returns the number of edges that do not belong to exactly two triangles in opposite directions; corners
+/// are compared bit by bit.
 fn open_edges(triangles: &[[Vec3; 3]]) -> usize {
     let mut edges: HashMap<[[u32; 3]; 2], [u32; 2]> = HashMap::new();
     for triangle in triangles {
@@ -90,19 +93,19 @@ fn open_edges(triangles: &[[Vec3; 3]]) -> usize {
     edges.values().filter(|uses| **uses != [1, 1]).count()
 }
 
-/// Positions and attributes of a scene's vertices as the device has them.
+/// Reads positions and attributes of a scene's vertices back from the device.
 fn on_device(gpu: &Gpu, scene: &Scene, pose: bool) -> (Geometry, Vec<Vec3>, Vec<Attributes>) {
     let (geometry, sources) = Geometry::with_sources(scene);
-    let lights = LightTable::new(scene, &geometry, Met::Never);
-    // What is uploaded is not what is looked at.
+    let lights = LightTable::new(scene, &geometry, Hittable::Never);
+    // The uploaded vertices are blank, so that the device has to compute them.
     let mut blank = geometry.clone();
     blank.vertices.iter_mut().skip(sources.origins.len()).for_each(|v| (v.position, v.normal) = (Vec3::NAN, Vec3::NAN));
-    let device = GpuScene::new(gpu, scene, &blank, &lights, &["TEXTURES"]).unwrap();
-    let mut posing = Posing::default();
+    let device = GpuScene::new(gpu, scene, &blank, &lights, &[Flag::Textures]).unwrap();
+    let mut deformer = Deformer::default();
     if pose {
-        posing.run(gpu, &device, scene, &geometry, &sources).unwrap();
+        deformer.run(gpu, &device, scene, &geometry, &sources).unwrap();
     } else {
-        posing.refine(gpu, &device, scene, &geometry, &sources).unwrap();
+        deformer.refine(gpu, &device, scene, &geometry, &sources).unwrap();
     }
     let geometry = Geometry::new(scene);
     let count = geometry.vertices.len();
@@ -120,10 +123,10 @@ fn closed_meshes_stay_closed() {
         assert!(geometry.tessellated > 250 && geometry.tessellated == geometry.triangles.len(), "{name}");
         let mut triangles: Vec<_> = (0..geometry.triangles.len()).map(|t| geometry.positions(t)).collect();
         assert_eq!(open_edges(&triangles), 0, "{name}");
-        // Outside is outside: the volume is positive.
+        // A positive volume means that fronts point outwards.
         let volume: f32 = triangles.iter().map(|[a, b, c]| a.dot(b.cross(*c)) / 6.0).sum();
         assert!(volume > 1.0, "{name}: {volume}");
-        // A planted crack.
+        // A crack is planted.
         triangles[9][0] *= 1.000_001;
         assert_eq!(open_edges(&triangles), 4, "{name}: a moved corner was not noticed");
         if let Some(gpu) = gpu {
@@ -135,10 +138,11 @@ fn closed_meshes_stay_closed() {
     }
 }
 
-/// Neighbours of all pairs of factors: their patches meet, none is turned over, and together they have the area of the flat mesh.
+/// For all pairs of factors, the patches of neighbours fit, none is inverted, and together they have the area
+/// of the flat mesh.
 #[test]
 fn factors_of_all_kinds_make_flat_patches_that_cover_them() {
-    // A fan of flat triangles whose edges have lengths, and so factors, that differ widely.
+    // A fan of flat triangles has edges whose lengths, and so factors, differ widely.
     let rim = [0.05, 0.9, 0.2, 0.15, 1.4, 0.3, 0.6, 0.1_f32];
     let mut positions = vec![Vec3::ZERO];
     positions.extend(rim.iter().enumerate().map(|(i, &r)| Vec2::from_angle(i as f32 * 0.785).extend(0.0) * r));
@@ -164,13 +168,14 @@ fn factors_of_all_kinds_make_flat_patches_that_cover_them() {
     }
 }
 
-/// Phong tessellation of an octahedron whose normals are a sphere's, by hand: the middle of an edge.
+/// Phong tessellation of an octahedron with a sphere's normals is derived by hand for the middle of an edge.
 #[test]
 fn the_middle_of_an_edge_is_where_the_paper_says() {
     let axes = [Vec3::X, Vec3::Y, Vec3::Z];
     let mesh = Mesh { positions: axes.to_vec(), normals: axes.to_vec(), triangles: vec![[0, 1, 2]], ..Mesh::default() };
     for (phong, expected) in [(0.0, 0.5), (0.75, 0.6875), (1.0, 0.75)] {
-        // Projected onto the planes x = 1 and y = 1, (1/2, 1/2, 0) is (1, 1/2, 0) and (1/2, 1, 0), whose middle is (3/4, 3/4, 0).
+        // The projections of (1/2, 1/2, 0) onto the planes x = 1 and y = 1 are (1, 1/2, 0) and (1/2, 1, 0),
+        // and their middle is (3/4, 3/4, 0).
         let half = Tessellation { factor: EdgeFactor::Fixed(2), phong, displacement: None };
         let geometry = Geometry::new(&alone(mesh.clone(), half));
         assert_eq!((geometry.triangles.len(), geometry.vertices.len()), (4, 6));
@@ -206,8 +211,9 @@ fn normals_are_those_of_the_displaced_surface() {
     assert!(checked > 10_000);
 }
 
-/// A scene with all that a vertex can have: posed by joints, displaced, mirrored, with tangents and colours, beside what is not refined.
-fn everything() -> Option<Vec<(String, Scene)>> {
+/// Returns scenes with every attribute of a vertex: joints, displacement, mirrored instances, tangents and
+/// colours, beside meshes that are not refined.
+fn everything() -> Vec<(String, Scene)> {
     let mut all: Vec<(String, Scene)> = closed().into_iter().map(|(name, scene)| (name.to_owned(), scene)).collect();
     for seconds in [0.0, 1.37] {
         all.push((format!("sea at {seconds} s"), builtin::load("sea").unwrap().at(0, seconds).unwrap()));
@@ -222,7 +228,9 @@ fn everything() -> Option<Vec<(String, Scene)>> {
         Affine3A::from_scale_rotation_translation(Vec3::new(0.3, -0.4, 0.5), Quat::from_rotation_y(1.0), Vec3::X);
     colored.instances.push(Instance { mesh: 0, world_from_local: turned });
     all.push(("colours, tangents, two instances".to_owned(), colored));
-    let path = shared()?.join("scenes/gltf/CesiumMan/glTF-Binary/CesiumMan.glb");
+    // Without the files beside the repository, only the skinned mesh is missing.
+    let Some(shared) = shared() else { return all };
+    let path = shared.join("scenes/gltf/CesiumMan/glTF-Binary/CesiumMan.glb");
     let mut man = staging::load(path.to_str().unwrap(), &Staging::default()).unwrap();
     let rig = std::sync::Arc::make_mut(man.rig.as_mut().unwrap());
     let displacement = Displacement {
@@ -234,13 +242,13 @@ fn everything() -> Option<Vec<(String, Scene)>> {
     fine.clone().refine(&mut rig.shapes[0].base);
     fine.refine(&mut man.meshes[0]);
     all.push(("a man who walks".to_owned(), man.at(0, 0.6).unwrap()));
-    Some(all)
+    all
 }
 
 #[test]
 fn the_compute_stage_is_the_cpu_s_twin() {
-    let (Some(gpu), Some(scenes)) = (gpu(), everything()) else { return };
-    for (name, scene) in &scenes {
+    let Some(gpu) = gpu() else { return };
+    for (name, scene) in &everything() {
         let (geometry, positions, attributes) = on_device(gpu, scene, true);
         let size = geometry.bounds.map(Vec3::length).into_iter().fold(geometry.sphere().1, f32::max);
         let mut worst = [0.0_f32; 4];
@@ -254,7 +262,7 @@ fn the_compute_stage_is_the_cpu_s_twin() {
                 (Vec4::from(found.uv) - uv).abs().max_element().max((color - vertex.color).abs().max_element() - 0.004),
             ];
             for (worst, apart) in worst.iter_mut().zip(apart) {
-                // NaN is the worst.
+                // NaN counts as the worst.
                 *worst = if apart <= *worst { *worst } else { apart };
             }
         }
@@ -264,15 +272,14 @@ fn the_compute_stage_is_the_cpu_s_twin() {
             "{name}: {worst:?}"
         );
     }
-    // The planted error: a sea that is 10 ms late.
+    // The sea 10 ms later is a planted error.
     let late = Geometry::new(&builtin::load("sea").unwrap().at(0, 1.38).unwrap());
     let sea = Geometry::new(&builtin::load("sea").unwrap().at(0, 1.37).unwrap());
     let apart = late.vertices.iter().zip(&sea.vertices).map(|(a, b)| a.position.distance(b.position));
     assert!(apart.fold(0.0, f32::max) > 1e-4);
 }
 
-/// Filters follow surfaces from frame to frame by the vertices' places in both: where the vertices are others, those of the new frame in the
-/// pose of the old one.
+/// Reprojection needs the vertices of both frames: new vertices are evaluated in the pose of the old frame.
 #[test]
 fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
     let Some(gpu) = gpu() else { return };
@@ -284,10 +291,11 @@ fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
     let (old, new) = (at(3.0, 0.2), at(2.5, 0.25));
     let [(geometry, sources), (next, next_sources)] = [&old, &new].map(Geometry::with_sources);
     assert!(geometry.triangles.len() < next.triangles.len());
-    let device = GpuScene::new(gpu, &new, &next, &LightTable::new(&new, &next, Met::Never), &["TEXTURES"]).unwrap();
-    let mut posing = Posing::default();
-    posing.refine(gpu, &device, &old, &geometry, &sources).unwrap();
-    posing.look_back(gpu, &device, &new, &next, &next_sources);
+    let device =
+        GpuScene::new(gpu, &new, &next, &LightTable::new(&new, &next, Hittable::Never), &[Flag::Textures]).unwrap();
+    let mut deformer = Deformer::default();
+    deformer.refine(gpu, &device, &old, &geometry, &sources).unwrap();
+    deformer.look_back(gpu, &device, &new, &next, &next_sources);
     let apart = |expected: &Geometry| {
         let found: Vec<[f32; 4]> = read_back(gpu, &device.positions, expected.vertices.len()).unwrap();
         let pairs = expected.vertices.iter().zip(found);
@@ -295,13 +303,13 @@ fn what_follows_surfaces_finds_new_vertices_in_the_old_pose() {
     };
     let (before, after) = (Geometry::new(&at(2.5, 0.2)), Geometry::new(&new));
     assert!(apart(&before) < 1e-6 && apart(&after) > 1e-3, "{} {}", apart(&before), apart(&after));
-    posing.run(gpu, &device, &new, &next, &next_sources).unwrap();
+    deformer.run(gpu, &device, &new, &next, &next_sources).unwrap();
     assert!(apart(&after) < 1e-6 && apart(&before) > 1e-3, "{} {}", apart(&before), apart(&after));
 }
 
 // --- Pictures ---
 
-/// The scene with what the CPU refines as plain meshes.
+/// Returns the scene with the meshes that the CPU refines as plain meshes.
 fn baked(scene: &Scene) -> Scene {
     let geometry = Geometry::new(scene);
     let mut out = Scene { meshes: Vec::new(), instances: Vec::new(), ..scene.clone() };
@@ -329,42 +337,43 @@ fn all_methods_see_the_same_surface_and_it_is_the_baked_one() {
     for (name, samples) in [("phong_sphere", 256), ("sea", 64), ("terrain", 64)] {
         let scene = matte(builtin::load(name).unwrap().at(0, 0.7).unwrap());
         let scene = Scene { viewpoint: Some(Viewpoint { camera: 0, size: [48, 36] }), ..scene };
-        let of = |scene: &Scene, method, samples| {
-            let settings = Settings { method, ..settings.clone() };
-            if method.shares_subpaths() {
-                picture(&mut Renderer::new(gpu, scene, &settings).unwrap(), samples)
+        let of = |scene: &Scene, technique, samples| {
+            let settings = Settings { technique, ..settings.clone() };
+            if technique.shares_subpaths() {
+                picture(&mut SharedRenderer::new(gpu, scene, &settings).unwrap(), samples)
             } else {
                 picture(&mut PathRenderer::new(gpu, scene, &settings).unwrap(), samples)
             }
         };
-        let mut renderer = Renderer::new(gpu, &scene, &settings).unwrap();
+        let mut renderer = SharedRenderer::new(gpu, &scene, &settings).unwrap();
         let raster = picture(&mut renderer, 16);
         let plain = baked(&scene);
         assert!(plain.meshes.iter().all(|m| m.refinement().is_none()));
-        let to_baked = compare(&raster, &of(&plain, Method::Raster, 16)).unwrap();
-        let to_twin = compare(&raster, &of(&scene, Method::Twin, 16)).unwrap();
+        let to_baked = compare(&raster, &of(&plain, Technique::RASTER, 16)).unwrap();
+        let to_twin = compare(&raster, &of(&scene, Technique::TWIN, 16)).unwrap();
         let truth = reference(&scene, &settings, 256, 1);
         let to_truth = compare(&picture(&mut renderer, samples - 16), &truth).unwrap();
-        let path = compare(&of(&scene, Method::Path, 32), &truth).unwrap();
+        let path = compare(&of(&scene, Technique::PATH, 32), &truth).unwrap();
         println!("{name}: baked {to_baked:?}\n twin {to_twin:?}\n reference {to_truth:?}\n path {path:?}");
-        // Coordinates differ in their last bits, by which a bundle's grid shifts.
+        // Coordinates differ in their last bits, which shifts the grid of a bundle.
         assert!(to_baked.rel_mse < 1e-3 && to_baked.mean_bias.abs() < 2e-3, "{name}: {to_baked:?}");
         assert!(to_twin.rel_mse < 1e-4 && to_twin.mean_bias.abs() < 1e-3, "{name}: {to_twin:?}");
         assert!(to_truth.mean_bias.abs() < 0.01 && to_truth.rel_mse < 0.01, "{name}: {to_truth:?}");
         assert!(path.mean_bias.abs() < 0.02, "{name}: {path:?}");
-        // The planted error: the meshes as they are.
+        // The unrefined meshes are a planted error.
         let mut coarse = scene.clone();
         coarse.meshes.iter_mut().for_each(|m| m.tessellation = None);
-        let coarse = compare(&raster, &of(&coarse, Method::Raster, 16)).unwrap();
+        let coarse = compare(&raster, &of(&coarse, Technique::RASTER, 16)).unwrap();
         assert!(coarse.rel_mse > 10.0 * to_baked.rel_mse.max(to_twin.rel_mse), "{name}: {coarse:?}");
     }
 }
 
-/// From frame to frame the numbers of triangles change: the pictures are those of new renderers, and what fits stays.
+/// The number of triangles changes from frame to frame; the pictures are those of new renderers, and buffers
+/// that fit are kept.
 #[test]
 fn factors_follow_the_camera_from_frame_to_frame() {
     let Some(_) = gpu_with_ray_queries() else { return };
-    // One of its own, since others count on the same one.
+    // The test counts on the ledger of a device of its own.
     let gpu = Gpu::with_ray_queries().unwrap();
     let fine = Tessellation { factor: EdgeFactor::Pixels(6.0), phong: 0.75, displacement: noise(0.1) };
     let poses: Vec<_> = [3.0, 2.97, 2.94, 1.6]
@@ -377,8 +386,8 @@ fn factors_follow_the_camera_from_frame_to_frame() {
     println!("{counts:?} triangles");
     assert!(counts[0] < counts[1] && counts[1] < counts[2] && 2 * counts[2] < counts[3], "{counts:?}");
     let base = Settings { width: 32, height: 32, bounces: 1, ..Settings::plain() };
-    for method in [Method::Raster, Method::Twin, Method::Path] {
-        let settings = Settings { method, ..base.clone() };
+    for technique in [Technique::RASTER, Technique::TWIN, Technique::PATH] {
+        let settings = Settings { technique, ..base.clone() };
         let mut frames = Vec::new();
         let mut made = Vec::new();
         macro_rules! follow {
@@ -393,22 +402,23 @@ fn factors_follow_the_camera_from_frame_to_frame() {
                 poses.iter().map(new).collect::<Vec<_>>()
             }};
         }
-        let new = if method.shares_subpaths() { follow!(Renderer) } else { follow!(PathRenderer) };
+        let new = if technique.shares_subpaths() { follow!(SharedRenderer) } else { follow!(PathRenderer) };
         for (i, (followed, new)) in frames.iter().zip(&new).enumerate() {
             let apart = compare(followed, new).unwrap();
-            assert!(apart.rel_mse < 1e-5, "{method} {i}: {apart:?}");
+            assert!(apart.rel_mse < 1e-5, "{technique} {i}: {apart:?}");
         }
-        assert!(compare(&frames[0], &frames[3]).unwrap().rel_mse > 1e-2, "{method}: a late frame was not noticed");
-        // What fits stays: film and views are made anew for the last frame alone.
+        assert!(compare(&frames[0], &frames[3]).unwrap().rel_mse > 1e-2, "{technique}: a late frame was not noticed");
+        // The film and the views are allocated anew only for the last frame.
         let of = |i: usize, label: &str| made[i].buffers.get(label).map(|b| b.count);
-        assert_eq!(of(0, "attributes"), of(2, "attributes"), "{method}");
-        assert!(of(2, "attributes") < of(3, "attributes"), "{method}");
-        assert_eq!(of(0, "film"), of(2, "film"), "{method}");
-        assert_eq!(made[0].pipelines, made[2].pipelines, "{method}");
+        assert_eq!(of(0, "attributes"), of(2, "attributes"), "{technique}");
+        assert!(of(2, "attributes") < of(3, "attributes"), "{technique}");
+        assert_eq!(of(0, "film"), of(2, "film"), "{technique}");
+        assert_eq!(made[0].pipelines, made[2].pipelines, "{technique}");
     }
 }
 
-/// Going on from pose to pose gives what each is by itself, and keeps what refining makes where edges are cut as before.
+/// Going from pose to pose gives the picture of each pose, and keeps the refined topology while edges have
+/// the same factors.
 #[test]
 fn poses_that_go_on_are_those_made_anew() {
     let at = |factor, away: f32, seconds: f32| {
@@ -439,9 +449,9 @@ fn poses_that_go_on_are_those_made_anew() {
         assert!(sources == sources_anew, "{name}");
         let Some(gpu) = gpu() else { continue };
         let settings = Settings { width: 32, height: 32, bounces: 1, ..Settings::plain() };
-        let renderer = |scene: &Scene| Renderer::new(gpu, scene, &settings).unwrap();
+        let renderer = |scene: &Scene| SharedRenderer::new(gpu, scene, &settings).unwrap();
         let mut followed = renderer(&old);
-        // Twice: the second time from a pose that was gone on to.
+        // The second round starts from a pose that was itself reached from another.
         for pose in [&new, &old, &new] {
             followed.pose(pose).unwrap();
         }
@@ -452,8 +462,8 @@ fn poses_that_go_on_are_those_made_anew() {
     }
 }
 
-/// What a frame of a displaced mesh that moves costs over one of the same mesh at rest. Asked for alone, since other work on the machine
-/// is in it.
+/// Measures the time of a frame of a displaced mesh that moves, over one of the same mesh at rest. The test
+/// is run on demand, since other work on the machine is included.
 #[test]
 #[ignore = "a matter of the clock"]
 fn frames_that_move_cost_little_more() {
@@ -479,8 +489,10 @@ fn frames_that_move_cost_little_more() {
     let plain = baked(&pose(0));
     assert_eq!(Geometry::new(&plain).triangles.len(), 500_000);
     let settings = Settings { width: 256, height: 256, bounces: 2, ..Settings::plain() };
-    for (method, samples) in [(Method::Raster, 16), (Method::Raster, 8), (Method::Raster, 1), (Method::Path, 1)] {
-        let settings = Settings { method, ..settings.clone() };
+    for (technique, samples) in
+        [(Technique::RASTER, 16), (Technique::RASTER, 8), (Technique::RASTER, 1), (Technique::PATH, 1)]
+    {
+        let settings = Settings { technique, ..settings.clone() };
         macro_rules! race {
             ($renderer:ident) => {{
                 let mut moving = $renderer::new(gpu, &pose(0), &settings).unwrap();
@@ -496,7 +508,7 @@ fn frames_that_move_cost_little_more() {
                     still.restart(frame);
                     picture(&mut still, samples);
                     let stood = began.elapsed().as_secs_f64();
-                    // The first frame builds pipelines and finds out how much room lists need.
+                    // The first frame builds pipelines and finds the capacity of lists.
                     if frame > 0 {
                         times.iter_mut().zip([posed, moved, stood]).for_each(|(all, time)| all.push(time));
                     }
@@ -507,13 +519,14 @@ fn frames_that_move_cost_little_more() {
                 })
             }};
         }
-        let [posed, moving, still] = if method.shares_subpaths() { race!(Renderer) } else { race!(PathRenderer) };
+        let [posed, moving, still] =
+            if technique.shares_subpaths() { race!(SharedRenderer) } else { race!(PathRenderer) };
         println!(
-            "{method}, {samples} samples: {moving:.0} ms a frame that moves ({posed:.0} ms until it is recorded), {still:.0} ms one that \
+            "{technique}, {samples} samples: {moving:.0} ms a frame that moves ({posed:.0} ms until it is recorded), {still:.0} ms one that \
              stands still: {:.2} times",
             moving / still
         );
-        assert!(method != Method::Raster || samples < 8 || moving < 1.1 * still, "{moving} {still}");
+        assert!(technique != Technique::RASTER || samples < 8 || moving < 1.1 * still, "{moving} {still}");
     }
 }
 
@@ -566,7 +579,7 @@ fn mitsuba(name: &str, parameters: &str) -> Result<Scene, String> {
 fn gltf_extras_say_how_meshes_are_refined() {
     let said = |extras: &str| gltf("said", &format!(r#"{{ "lightsheaf_tessellation": {extras} }}"#));
     let of = |scene: &Scene| scene.meshes[0].refinement().cloned();
-    // Other extras are none of our business.
+    // Extras of other programs are ignored.
     assert_eq!(of(&gltf("other", r#"{ "tessellation": true }"#).unwrap()), None);
     assert_eq!(of(&gltf("list", "[1]").unwrap()), None);
     let plain = said(r#"{ "edges": 4 }"#).unwrap();
@@ -664,9 +677,9 @@ fn mitsuba_names_say_how_shapes_are_refined() {
 #[test]
 fn too_many_triangles_are_refused_or_coarser() {
     let fixed = alone(icosphere(5), Tessellation { factor: EdgeFactor::Fixed(64), ..Tessellation::default() });
-    let error = scene::load::finish(&mut fixed.clone(), Path::new("x")).unwrap_err().to_string();
+    let error = scene::check::finish(&mut fixed.clone(), Path::new("x")).unwrap_err().to_string();
     assert!(error.contains("83886080 triangles") && error.contains("lower the factors"), "{error}");
-    // By pixels there cannot be too many.
+    // Factors in pixels are lowered until the number of triangles fits.
     let factor = EdgeFactor::Pixels(0.25);
     let near = alone(icosphere(4), Tessellation { factor, ..Tessellation::default() });
     let near = Scene { viewpoint: Some(Viewpoint { camera: 0, size: [8192, 8192] }), ..near };
@@ -674,7 +687,7 @@ fn too_many_triangles_are_refused_or_coarser() {
     assert!(count <= 1 << 24 && count > 1 << 20, "{count}");
 }
 
-/// The program: a scene without a rig that moves by itself.
+/// On the command line, a scene without a rig animates by itself.
 #[test]
 fn waves_move_from_the_command_line() {
     let folder = folder();

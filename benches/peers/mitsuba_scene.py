@@ -1,7 +1,8 @@
-"""Mitsuba scenes for renderers that do not read them: as much as a Cornell box needs, and a plain refusal of all else.
+"""Loader of Mitsuba scenes for renderers that do not read them. It covers a Cornell box and refuses
+everything else.
 
-Read are shapes ply (ASCII) with `to_world`, diffuse and roughconductor (GGX, material none) in `twosided` or not, emitters point and
-area, and a perspective sensor with `lookat`.
+Supported are ply shapes (ASCII) with `to_world`, diffuse and roughconductor BSDFs (GGX, material none),
+also within `twosided`, point and area emitters, and a perspective sensor with `lookat`.
 """
 
 import math
@@ -17,20 +18,20 @@ from protocol import Refusal
 
 @dataclass
 class Shape:
-    """Triangles in the world, with unit normals per vertex or none."""
+    """Triangle mesh in world space. `normals` are unit vertex normals, or None."""
 
     name: str
     positions: np.ndarray
     triangles: np.ndarray
     normals: Optional[np.ndarray]
     color: tuple
-    alpha: Optional[float]  # GGX width of a conductor; None: diffuse
+    alpha: Optional[float]  # GGX alpha of a conductor; None for a diffuse surface
     radiance: Optional[tuple]
 
 
 @dataclass
 class PointLight:
-    """Intensity in W/sr."""
+    """Point light with its intensity in W/sr."""
 
     position: tuple
     intensity: tuple
@@ -38,7 +39,8 @@ class PointLight:
 
 @dataclass
 class Camera:
-    """Half the angles of view as tangents, across and up."""
+    """Perspective camera. tan_x and tan_y are the tangents of half the horizontal and vertical angles of
+    view."""
 
     origin: np.ndarray
     target: np.ndarray
@@ -55,7 +57,7 @@ class Scene:
 
 
 def load(args):
-    """The scene of the command line, seen through a picture of its size."""
+    """Loads the scene of the command line with the camera for its picture size."""
     root = ElementTree.parse(args.scene).getroot()
     folder = os.path.dirname(os.path.abspath(args.scene))
     defaults = {e.get("name"): e.get("value") for e in root.findall("default")}
@@ -187,7 +189,7 @@ def _camera(element, width, height):
 
 
 def _ply(path):
-    """Positions, normals or None, triangles."""
+    """Returns positions, normals (or None) and triangles of an ASCII PLY file."""
     with open(path, encoding="latin-1") as file:
         lines = iter(file.read().split("\n"))
     columns, counts, element = [], {}, None

@@ -1,4 +1,5 @@
-"""Blender Cycles as a peer of `lightsheaf bench`, on the CPU; `--denoise` passes every picture through its denoiser."""
+"""Blender Cycles on the CPU as a peer of `lightsheaf bench`. With `--denoise` its denoiser filters every
+picture."""
 
 import math
 import sys
@@ -11,7 +12,7 @@ import protocol
 
 
 def material(bpy, name, shape):
-    """Nodes of a shape's surface. Emission leaves the front only, as in Mitsuba."""
+    """Creates the material of a shape. Emitters are one-sided, as in Mitsuba."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     nodes, links = made.node_tree.nodes, made.node_tree.links
@@ -44,7 +45,7 @@ def material(bpy, name, shape):
 
 
 def build(bpy, mathutils, scene):
-    """Fills the empty file with the scene."""
+    """Adds the scene to the empty Blender file."""
     collection = bpy.context.scene.collection
     for index, shape in enumerate(scene.shapes):
         mesh = bpy.data.meshes.new(f"s{index}")
@@ -58,7 +59,7 @@ def build(bpy, mathutils, scene):
         lamp = bpy.data.lights.new(f"l{index}", "POINT")
         strength = max(light.intensity)
         lamp.color = [c / strength for c in light.intensity]
-        # Its energy is a power where Mitsuba's intensity is per steradian.
+        # Blender's energy is power; Mitsuba's intensity is power per steradian.
         lamp.energy = 4 * math.pi * strength
         lamp.shadow_soft_size = 0
         placed = bpy.data.objects.new(f"l{index}", lamp)

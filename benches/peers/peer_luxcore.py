@@ -1,7 +1,8 @@
 """LuxCore as a peer of `lightsheaf bench`: `--engine PATHCPU` (default) or `BIDIRCPU`.
 
-Its metals use another lobe than Mitsuba's, so scenes with conductors are refused. BIDIRCPU limits its two subpaths and not the whole
-path, so it takes unlimited bounces only; its own Russian roulette is biased and is switched off.
+LuxCore's metals use another lobe than Mitsuba's, so scenes with conductors are refused. BIDIRCPU limits
+the lengths of its two subpaths, not of the whole path, so it supports unlimited bounces only. Its Russian
+roulette is biased and is disabled.
 """
 
 import math
@@ -13,12 +14,12 @@ import numpy as np
 import mitsuba_scene
 import protocol
 
-# Vertices of a path that stands for one without an end: what is longer is dark.
+# Path depth for unlimited bounces. Longer paths contribute nothing.
 ENDLESS = 32
 
 
 def scene_properties(pyluxcore, scene, size):
-    """What LuxCore is told of the scene, without its meshes."""
+    """Returns the properties of the scene without its meshes."""
     camera = scene.camera
     told = pyluxcore.Properties()
 
@@ -31,7 +32,7 @@ def scene_properties(pyluxcore, scene, size):
     tell("scene.camera.up", *map(float, camera.up))
     tell("scene.camera.fieldofview", 2 * math.degrees(math.atan(min(camera.tan_x, camera.tan_y))))
     tell("scene.camera.autovolume.enable", False)
-    # Its film lies one row off: the window is moved back by as much.
+    # LuxCore's film is shifted by one row, so the screen window is shifted back.
     across, up = (size[0] / min(size), size[1] / min(size))
     row = 2 * up / size[1]
     tell("scene.camera.screenwindow", -across, across, -up - row, up - row)
@@ -41,7 +42,7 @@ def scene_properties(pyluxcore, scene, size):
         tell(f"{key}.type", "point")
         tell(f"{key}.position", *light.position)
         tell(f"{key}.color", *light.intensity)
-        # Its gain is a power where Mitsuba's intensity is per steradian.
+        # LuxCore's gain is power; Mitsuba's intensity is power per steradian.
         tell(f"{key}.gain", *[4 * math.pi] * 3)
     for index, shape in enumerate(scene.shapes):
         if shape.alpha is not None:
@@ -108,7 +109,7 @@ def start(args):
         session.Stop()
         buffer = np.zeros(width * height * 3, dtype=np.float32)
         session.GetFilm().GetOutputFloat(pyluxcore.FilmOutputType.RGB, buffer, 0, True)
-        # Row 0 lies at the bottom.
+        # Row 0 of LuxCore's film is at the bottom.
         protocol.write_exr(path, buffer.reshape(height, width, 3)[::-1])
         return max(taken, samples), seconds
 

@@ -1,7 +1,8 @@
-"""Mitsuba 3 as a peer of `lightsheaf bench`: `--integrator path` (default) or `ptracer`, `--sampler multijitter` (default; its best).
+"""Mitsuba 3 as a peer of `lightsheaf bench`: `--integrator path` (default) or `ptracer`, `--sampler
+multijitter` (default, and its best).
 
-Needs an LLVM 16 or later shared library (LLVM 15 crashes on some processors): the one that DRJIT_LIBLLVM_PATH names, a system's
-libLLVM, or the one that a Rust toolchain brings.
+A shared library of LLVM 16 or later is needed (LLVM 15 crashes on some processors): the one in
+DRJIT_LIBLLVM_PATH, the system's libLLVM, or that of a Rust toolchain.
 """
 
 import glob
@@ -16,17 +17,17 @@ import protocol
 
 
 def llvm():
-    """The newest LLVM library from 16 on that is found."""
+    """Returns the path of the newest installed LLVM library of version 16 or later, or None."""
     places = ["/usr/lib/*/libLLVM*.so*", "/usr/lib/llvm-*/lib/libLLVM*.so*", "/usr/lib64/libLLVM*.so*", "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib"]
     try:
         sysroot = subprocess.run(["rustc", "--print", "sysroot"], capture_output=True, text=True, check=True).stdout.strip()
         places.append(os.path.join(sysroot, "lib", "libLLVM*.so*"))
     except (OSError, subprocess.CalledProcessError):
-        pass  # no Rust here: a library of the system's has to do
+        pass  # Without Rust only the system's libraries are searched.
     found = []
     for path in (path for place in places for path in glob.glob(place)):
         version = re.search(r"libLLVM(?:-|\.so\.|\.)?(\d+)", os.path.basename(path))
-        # Some names hold a line of linker script.
+        # Small files of that name are linker scripts.
         if version and int(version.group(1)) >= 16 and os.path.getsize(path) > 1 << 20:
             found.append((int(version.group(1)), path))
     return max(found, default=(0, None))[1]
@@ -65,7 +66,7 @@ def start(args):
 
 
 def with_our_film(args):
-    """The scene's text with our integrator, and in its first sensor our film and sampler; all else as it is."""
+    """Returns the scene's XML with our integrator, and with our film and sampler in its first sensor."""
     root = ElementTree.parse(args.scene).getroot()
     sensor = root.find("sensor")
     if sensor is None:

@@ -1,4 +1,5 @@
-"""What all peers share: the command line, the lines that `lightsheaf bench` speaks (src/bench/peer.rs), and EXR files."""
+"""Common parts of all peers: command line, text protocol of `lightsheaf bench` (src/bench/peer.rs), EXR
+files."""
 
 import argparse
 import os
@@ -9,11 +10,11 @@ import traceback
 
 
 class Refusal(Exception):
-    """A scene, a setting or a machine that this peer cannot serve. Its text is for the report."""
+    """Raised if a peer does not support a scene, a setting or the machine. The report shows the text."""
 
 
 class _Answers:
-    """The real standard output. Libraries print into what stands in its place, standard error."""
+    """Original standard output. The output of libraries is redirected to standard error."""
 
     def __init__(self):
         self.file = os.fdopen(os.dup(1), "w")
@@ -25,7 +26,7 @@ class _Answers:
 
 
 def parser(about):
-    """The arguments that every peer gets: a scene, `width` and `height`, and `bounces` (None: unlimited)."""
+    """Returns a parser of the common arguments: scene, size, bounces (None if unlimited) and threads."""
 
     def size(text):
         width, height = text.split("x")
@@ -43,8 +44,9 @@ def parser(about):
 
 
 def serve(args, start):
-    """Serves until the input ends. `start(args)` gives a sentence about the program and a function that takes samples, a seed and a
-    path, writes the picture there as EXR, and gives samples taken and seconds of rendering."""
+    """Serves requests until the end of the input. `start(args)` returns a description of the program and a
+    function `render(samples, seed, path)`, which writes the picture as EXR to `path` and returns the
+    number of samples taken and the seconds of rendering."""
     answers = _Answers()
     try:
         about, render = start(args)
@@ -60,7 +62,7 @@ def serve(args, start):
     except Refusal as refusal:
         answers.say("error", refusal)
         return 1
-    except Exception as error:  # whatever a library raises ends up in the report
+    except Exception as error:  # The report shows any error of a library.
         traceback.print_exc()
         answers.say("error", f"{type(error).__name__}: {error}")
         return 1
@@ -68,7 +70,8 @@ def serve(args, start):
 
 
 def write_exr(path, picture):
-    """Rows of linear RGB from the top, a numpy array of shape (height, width, 3), as a plain OpenEXR file: scan lines, no compression, channels B, G, R of 32-bit floats."""
+    """Writes a picture as OpenEXR: scan lines, no compression, channels B, G, R of 32-bit floats.
+    `picture` is a numpy array of linear RGB of shape (height, width, 3), row 0 at the top."""
     import numpy as np
 
     height, width, _ = picture.shape

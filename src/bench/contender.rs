@@ -1,101 +1,98 @@
-//! Who takes part: our methods, each on a device of its own, the CPU reference, and programs of others ([`super::peer`]).
+//! Contenders: our methods, each on a separate device, the CPU reference, and other programs
+//! ([`super::peer`]).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
 
 use crate::film::Film;
 use crate::gpu::{Gpu, GpuError, PassTime};
-use crate::path_renderer::PathRenderer;
 use crate::reference::{Reference, ReferenceSettings, Rounds};
-use crate::renderer::{Progressive, Renderer};
+use crate::render::{self, Renderer};
 use crate::scene::Scene;
-use crate::settings::{Method, Settings, UNLIMITED};
+use crate::settings::{Method, Settings, Technique, UNLIMITED};
 
 use super::BenchError;
 
-/// What one call rendered.
+/// Result of a rendering call.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rendered {
-    /// Samples in the picture now.
+    /// Number of samples in the picture.
     pub samples: u64,
-    /// Seconds that this call took, by the contender's own clock.
+    /// Seconds of this call, by the contender's clock.
     pub seconds: f64,
 }
 
-/// What a contender says of itself in the end.
+/// Description of a contender, with times of passes and memory.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Details {
     /// Program, version, device and driver.
     pub about: String,
-    /// Device time and runs per pass over all repeats, where it is known.
+    /// Device time and number of runs of each pass over all repeats, if known.
     pub passes: BTreeMap<&'static str, PassTime>,
-    /// Bytes on the device, where they are known.
+    /// Bytes on the device, if known.
     pub bytes: Option<u64>,
 }
 
-/// Renders one scene progressively.
+/// Progressive renderer of a scene.
 pub trait Contender {
-    /// Whether samples are added to those of the picture so far. Otherwise each call of [`Self::render`] makes a picture anew, so
-    /// that sampling patterns made for a known number of samples lose nothing.
+    /// True if samples are added to the current picture. Otherwise each call of [`Self::render`] renders a
+    /// picture from scratch, so that sampling patterns for a known number of samples are not truncated.
     fn grows(&self) -> bool;
 
-    /// Begins a picture with a seed.
+    /// Begins a new picture with a seed.
     fn restart(&mut self, seed: u32);
 
-    /// Renders about so many samples per pixel and waits for them.
+    /// Renders about `samples` samples per pixel and waits until they are finished.
     ///
     /// # Errors
-    /// Whatever stops the device or the program.
+    /// Returns the error of the device or the program.
     fn render(&mut self, samples: u64) -> Result<Rendered, BenchError>;
 
-    /// The picture so far.
+    /// Returns the current picture.
     ///
     /// # Errors
-    /// Whatever stops the device, or a file that cannot be read.
+    /// Returns an error if the device fails, or if a file cannot be read.
     fn film(&mut self) -> Result<Film, BenchError>;
 
-    /// What it is and did.
+    /// Returns the description, times of passes and memory.
     fn details(&self) -> Details;
 
-    /// Forgets the times of passes so far.
+    /// Resets the times of passes.
     fn forget(&mut self);
 }
 
-/// A device with what a method needs; none for the CPU reference.
+/// Opens a device for a technique. Returns none for the CPU reference.
 ///
 /// # Errors
-/// [`GpuError`].
-pub fn device(method: Method) -> Result<Option<Gpu>, GpuError> {
-    match method {
+/// Returns [`GpuError`] if there is no such device.
+pub fn device(technique: Technique) -> Result<Option<Gpu>, GpuError> {
+    match technique.method {
         Method::Reference => Ok(None),
-        Method::Raster => Gpu::new().map(Some),
-        Method::Twin | Method::RayQuery | Method::Path => Gpu::with_ray_queries().map(Some),
+        _ if technique.needs_ray_queries() => Gpu::with_ray_queries().map(Some),
+        _ => Gpu::new().map(Some),
     }
 }
 
-/// One of our methods, on what [`device`] gave for it. Raster and its twin take a scene without glass ([`Scene::without_glass`]).
+/// Creates a contender for one of our techniques on the device that [`device`] has opened for it.
 ///
 /// # Errors
-/// As of the renderers.
+/// Returns the errors of [`render::open`].
 pub fn ours<'a>(
     gpu: Option<&'a Gpu>,
     scene: &'a Scene,
     settings: &Settings,
 ) -> Result<Box<dyn Contender + 'a>, BenchError> {
     let Some(gpu) = gpu else { return Ok(Box::new(OnCpu::new(scene, settings))) };
-    Ok(if settings.method.shares_subpaths() {
-        Box::new(OnDevice { gpu, renderer: Renderer::new(gpu, scene, settings)? })
-    } else {
-        Box::new(OnDevice { gpu, renderer: PathRenderer::new(gpu, scene, settings)? })
-    })
+    Ok(Box::new(OnDevice { gpu, renderer: render::open(gpu, scene, settings)? }))
 }
 
-struct OnDevice<'a, R> {
+/// Technique on a GPU.
+struct OnDevice<'a> {
     gpu: &'a Gpu,
-    renderer: R,
+    renderer: Box<dyn Renderer + 'a>,
 }
 
-impl<R: Progressive> Contender for OnDevice<'_, R> {
+impl Contender for OnDevice<'_> {
     fn grows(&self) -> bool {
         true
     }
@@ -108,7 +105,7 @@ impl<R: Progressive> Contender for OnDevice<'_, R> {
         let began = Instant::now();
         self.renderer.render(samples, &mut |_| true)?;
         let seconds = began.elapsed().as_secs_f64();
-        Ok(Rendered { samples: self.renderer.stats().samples, seconds })
+        Ok(Rendered { samples: self.renderer.samples(), seconds })
     }
 
     fn film(&mut self) -> Result<Film, BenchError> {
@@ -129,6 +126,7 @@ impl<R: Progressive> Contender for OnDevice<'_, R> {
     }
 }
 
+/// CPU reference.
 struct OnCpu<'a> {
     reference: Reference<'a>,
     settings: ReferenceSettings,
@@ -173,7 +171,7 @@ impl Contender for OnCpu<'_> {
     fn forget(&mut self) {}
 }
 
-/// What the CPU reference takes of the settings.
+/// Returns the settings of the CPU reference.
 pub(super) fn reference_settings(settings: &Settings) -> ReferenceSettings {
     let Settings { width, height, samples, seed, camera, .. } = *settings;
     let bounces = Some(settings.bounces).filter(|&b| b != UNLIMITED);

@@ -1,13 +1,15 @@
-//! Error against time: read between checkpoints, and its spread over repeats.
+//! Curves of error against time: interpolation between checkpoints, and spread over repeats.
 //!
-//! Both axes are logarithmic: Monte Carlo error falls as a power of time, which is a straight line there.
+//! Both axes are logarithmic, since Monte Carlo error decreases as a power of time, which is a straight line
+//! there.
 
 use serde::Serialize;
 
-/// How far beyond its last checkpoint a curve is read, as a multiple of that time; error falls there as 1 / time.
+/// Extrapolation limit of a curve, as a multiple of the time of its last checkpoint. Beyond the last
+/// checkpoint error is assumed to decrease as 1 / time.
 const BEYOND: f64 = 1.25;
 
-/// Error after a time.
+/// Point of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Point {
     /// Seconds, greater than 0.
@@ -16,19 +18,20 @@ pub struct Point {
     pub error: f64,
 }
 
-/// When a curve stays at or below an error for good.
+/// Time from which on a curve stays at or below an error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reached {
-    /// After so many seconds.
+    /// Seconds after which the error is reached.
     At(f64),
-    /// At the first checkpoint already, so many seconds in; it may have been earlier.
+    /// Seconds of the first checkpoint, at which the error is reached already; it may have been reached
+    /// earlier.
     Before(f64),
-    /// Not by the last checkpoint.
+    /// The error is not reached by the last checkpoint.
     Never,
 }
 
-/// The error at a time, by the power law between the two checkpoints around it. None before the first checkpoint and far beyond the
-/// last. Points are in the order of time.
+/// Returns the error at a time, by the power law between the two surrounding checkpoints. None before the
+/// first checkpoint and beyond 1.25 times the last. Points are in the order of time.
 #[must_use]
 pub fn error_at(points: &[Point], seconds: f64) -> Option<f64> {
     let after = points.partition_point(|p| p.seconds < seconds);
@@ -40,7 +43,8 @@ pub fn error_at(points: &[Point], seconds: f64) -> Option<f64> {
     }
 }
 
-/// When the curve crosses an error for the last time: curves are noisy, and a dip that does not last is luck.
+/// Returns the time at which the curve crosses an error for the last time. Curves are noisy, so a temporary
+/// dip does not count.
 #[must_use]
 pub fn time_to(points: &[Point], error: f64) -> Reached {
     let above = |p: &Point| p.error.is_nan() || p.error > error;
@@ -48,36 +52,37 @@ pub fn time_to(points: &[Point], error: f64) -> Reached {
         return points.first().map_or(Reached::Never, |p| Reached::Before(p.seconds));
     };
     let (a, Some(b)) = (points[last_above], points.get(last_above + 1)) else { return Reached::Never };
-    // An error that is not a number lies anywhere above.
+    // An error that is not a number is above every target.
     let part = if a.error.is_finite() { fraction(a.error, b.error, error) } else { 1.0 };
     Reached::At(power(a.seconds, b.seconds, part))
 }
 
-/// Where x lies between a and b on a logarithmic axis, 0 to 1.
+/// Returns the position of x between a and b on a logarithmic axis, 0 to 1.
 fn fraction(a: f64, b: f64, x: f64) -> f64 {
     let span = (b / a).ln();
     if span == 0.0 { 1.0 } else { (x / a).ln() / span }
 }
 
-/// The point of that fraction between a and b on a logarithmic axis.
+/// Interpolates between a and b on a logarithmic axis.
 fn power(a: f64, b: f64, part: f64) -> f64 {
     a * (b / a).powf(part)
 }
 
-/// A figure over repeats.
+/// Statistics of a quantity over repeats.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// The mean of errors, the median of times.
+    /// Mean of errors, median of times.
     pub middle: f64,
-    /// The least.
+    /// Minimum.
     pub low: f64,
-    /// The greatest; none where a repeat never reached its target.
+    /// Maximum. None if a repeat never reached the target.
     pub high: Option<f64>,
-    /// Whether the first checkpoint was good enough already in a repeat: `middle` and `low` are bounds from above.
+    /// True if a repeat reached the target at its first checkpoint, so that `middle` and `low` are upper
+    /// bounds.
     pub at_most: bool,
 }
 
-/// The mean error of repeats. None where a repeat has none.
+/// Returns the mean error of repeats. None if a repeat has no error at that time.
 #[must_use]
 pub fn mean_error(errors: &[Option<f64>]) -> Option<Spread> {
     let errors: Vec<f64> = errors.iter().copied().collect::<Option<_>>()?;
@@ -86,7 +91,8 @@ pub fn mean_error(errors: &[Option<f64>]) -> Option<Spread> {
     Some(Spread { middle: errors.iter().sum::<f64>() / errors.len() as f64, low, high, at_most: false })
 }
 
-/// The median time of repeats; of two in the middle the later one. None where half of them or more never got there.
+/// Returns the median time of repeats, for an even number the later of the two in the middle. None if half of
+/// the repeats or more never reached the target.
 #[must_use]
 pub fn median_time(times: &[Reached]) -> Option<Spread> {
     let seconds = |time: &Reached| match time {
@@ -101,7 +107,8 @@ pub fn median_time(times: &[Reached]) -> Option<Spread> {
     middle.is_finite().then(|| Spread { middle, low, high: Some(high).filter(|h| h.is_finite()), at_most })
 }
 
-/// `count` times from `first` to `last`, evenly spaced on a logarithmic axis; `last` alone where there is one.
+/// Returns `count` times from `first` to `last`, evenly spaced on a logarithmic axis. A single time is
+/// `last`.
 #[must_use]
 pub fn log_spaced(first: f64, last: f64, count: usize) -> Vec<f64> {
     let step = |i: usize| if count > 1 { i as f64 / (count - 1) as f64 } else { 1.0 };

@@ -1,18 +1,22 @@
-//! Error against run time: contenders render one scene progressively, in turns, and their pictures are held against a reference at
-//! log-spaced times.
+//! Measures error against run time. Contenders render one scene progressively, in turns, and their pictures
+//! are compared with a reference at log-spaced times.
 //!
-//! What counts is the time of the calls that render, by the clock on the wall. Not counted: start-up (device, upload, pipelines, and
-//! a first sample, which makes drivers compile), fetching the picture, and comparing it. Whoever has used the least time goes next,
-//! for a small part of the budget, so that other work on the machine slows all down alike. A contender whose samples add up has
-//! one growing picture; one that makes each picture anew ([`Contender::grows`]) doubles its samples from picture to picture, and a
-//! point of its curve is the time of that one picture. Each repeat has a seed of its own.
+//! The measured time is the wall-clock time of the calls that render. Start-up (device, upload, pipelines,
+//! and a first sample, which triggers compilation in drivers), reading back the picture, and comparing it are
+//! not counted. The contender that has used the least time renders next, for a small part of the budget, so
+//! that other work on the machine slows all contenders down equally. A contender that accumulates samples
+//! refines one picture. A contender that renders each picture from scratch ([`Contender::grows`]) doubles the
+//! samples from picture to picture, and a point of its curve is the time of that picture alone. Each repeat
+//! has a separate seed.
 //!
-//! Errors are rel_mse ([`crate::metrics`]) less the reference's own.
+//! Errors are rel_mse ([`crate::metrics`]) minus that of the reference.
 
 pub mod contender;
 pub mod curve;
 pub mod peer;
 pub mod truth;
+
+pub mod report;
 
 use std::time::Instant;
 
@@ -21,103 +25,108 @@ use serde::Serialize;
 use crate::film::{Film, FilmError};
 use crate::gpu::GpuError;
 use crate::metrics::{self, CompareError, Comparison};
-use crate::renderer::RenderError;
+use crate::render::renderer::RenderError;
 
 pub use contender::{Contender, Details, Rendered};
 pub use curve::{Point, Reached, Spread};
 pub use peer::{Peer, PeerCommand};
 pub use truth::Truth;
 
-/// Turns that a budget is cut into, at least.
+/// Least number of turns into which a budget is divided.
 const TURNS: f64 = 32.0;
 
-/// Samples between two looks at the log of our renderers; more of them at once is as well a multiple of this.
+/// Batch size of our renderers in samples. Larger numbers of samples are rounded down to a multiple of it.
 const BATCH: u64 = 8;
 
-/// How much longer than the budget a picture that is made anew is meant to take, so that the curve reaches the budget.
+/// Intended time of the last picture from scratch as a multiple of the budget, so that the curve reaches the
+/// budget.
 const BEYOND: f64 = 1.05;
 
-/// Budgets that all of a repeat's pictures may take together where each is made anew; three are what doubling takes.
+/// Limit of the time of all pictures of a repeat, as a multiple of the budget, for contenders that render
+/// from scratch. Doubling takes three budgets.
 const PATIENCE: f64 = 8.0;
 
-/// Error of a reference's size below which it says nothing: a part of its own.
-const BLUR: f64 = 0.25;
+/// Least error that is reported, as a fraction of the reference's own error. Smaller errors are not
+/// significant.
+const LEAST_ERROR: f64 = 0.25;
 
-/// Why a benchmark stopped.
+/// Error of a benchmark.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// One of our renderers.
+    /// Error of one of our renderers.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The device.
+    /// Error of the device.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// An image file.
+    /// Error of an image file.
     #[error(transparent)]
     Film(#[from] FilmError),
-    /// A picture that cannot be held against the reference.
+    /// Picture that cannot be compared with the reference.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// The reference.
+    /// Error of the reference.
     #[error("the reference: {0}")]
     Truth(String),
-    /// The report.
+    /// Error of the report.
     #[error("{0}")]
     Report(String),
-    /// A program of others.
+    /// Error of another program.
     #[error("peer {name}: {cause}")]
     Peer {
-        /// What the command line calls it.
+        /// Name on the command line.
         name: String,
-        /// What is wrong and what to do.
+        /// Cause, and a remedy.
         cause: String,
     },
 }
 
-/// How long and how often.
+/// Budget, checkpoints and repeats of a benchmark.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Schedule {
     /// Seconds of rendering for each contender, scene and repeat.
     pub budget: f64,
-    /// Seconds at which pictures are held against the reference, in order; the last is the budget.
+    /// Seconds at which pictures are compared with the reference, in ascending order. The last one is the
+    /// budget.
     pub checkpoints: Vec<f64>,
     /// Seeds, one for each repeat.
     pub seeds: Vec<u32>,
 }
 
 impl Schedule {
-    /// Checkpoints from a hundredth of the budget on.
+    /// Creates a schedule with log-spaced checkpoints from a hundredth of the budget to the budget.
     #[must_use]
     pub fn new(budget: f64, checkpoints: usize, seeds: Vec<u32>) -> Self {
         Self { budget, checkpoints: curve::log_spaced(budget / 100.0, budget, checkpoints), seeds }
     }
 }
 
-/// A picture held against the reference.
+/// Comparison of a picture with the reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Checkpoint {
     /// Seconds of rendering.
     pub seconds: f64,
     /// Samples per pixel.
     pub samples: u64,
-    /// rel_mse less the reference's own, at least a quarter of the latter: what curves and tables show.
+    /// rel_mse minus that of the reference, at least a quarter of the latter. Curves and tables show this
+    /// value.
     pub error: f64,
-    /// All figures, nothing subtracted.
+    /// All metrics, with nothing subtracted.
     pub comparison: Comparison,
 }
 
-/// One repeat of one contender.
+/// Repeat of a contender.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Run {
-    /// Its seed.
+    /// Seed of the repeat.
     pub seed: u32,
-    /// In the order of time.
+    /// Checkpoints in the order of time.
     pub checkpoints: Vec<Checkpoint>,
 }
 
 impl Run {
-    /// A figure against time. Of pictures that are made anew, one with fewer samples may have taken longer than one with more: it is
-    /// left out.
+    /// Returns a metric against time. A picture from scratch is left out if it took longer than one with more
+    /// samples.
     #[must_use]
     pub fn curve(&self, figure: impl Fn(&Checkpoint) -> f64) -> Vec<Point> {
         let mut least = f64::INFINITY;
@@ -133,28 +142,28 @@ impl Run {
     }
 }
 
-/// A contender with what was measured of it.
+/// Contender with its measurements.
 pub struct Entry<'a> {
-    /// What the report calls it.
+    /// Name in the report.
     pub name: String,
     contender: Box<dyn Contender + 'a>,
-    /// Seconds until the first sample was done.
+    /// Seconds until the first sample was finished.
     pub startup: f64,
-    /// Repeats, as far as they came.
+    /// Repeats that were begun.
     pub runs: Vec<Run>,
-    /// Seconds of one sample, from warming up.
+    /// Seconds per sample of the warm-up.
     pace: f64,
-    /// What ended it early.
+    /// Cause of an early end.
     pub failure: Option<String>,
-    /// The first repeat's last picture.
+    /// Last picture of the first repeat.
     pub picture: Option<Film>,
 }
 
 impl<'a> Entry<'a> {
-    /// Warms a contender up. `began`: when its start began.
+    /// Warms a contender up by rendering a sample. `began` is the time at which its start-up began.
     ///
     /// # Errors
-    /// Whatever stops its first sample.
+    /// Returns the error of the first sample.
     pub fn new(name: String, mut contender: Box<dyn Contender + 'a>, began: Instant) -> Result<Self, BenchError> {
         let pace = contender.render(1)?.seconds.max(1e-9);
         contender.forget();
@@ -162,17 +171,18 @@ impl<'a> Entry<'a> {
         Ok(Self { name, contender, startup, runs: Vec::new(), pace, failure: None, picture: None })
     }
 
-    /// What it is and did.
+    /// Returns the contender's description, times of passes and memory.
     #[must_use]
     pub fn details(&self) -> Details {
         self.contender.details()
     }
 
+    /// Compares the current picture with the reference and stores the checkpoint.
     fn measure(&mut self, rendered: Rendered, seconds: f64, truth: &Truth) -> Result<(), BenchError> {
         let film = self.contender.film()?;
         let comparison = metrics::compare(&film, &truth.film)?;
         let own = truth.origin.own_rel_mse.unwrap_or(0.0);
-        let error = at_least(comparison.rel_mse - own, (BLUR * own).max(f64::MIN_POSITIVE));
+        let error = at_least(comparison.rel_mse - own, (LEAST_ERROR * own).max(f64::MIN_POSITIVE));
         if let [.., run] = self.runs.as_mut_slice() {
             run.checkpoints.push(Checkpoint { seconds, samples: rendered.samples, error, comparison });
         }
@@ -183,35 +193,37 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// `f64::max`, but for NaN, which stays.
+/// Returns the maximum of both values, or NaN if `value` is NaN.
 fn at_least(value: f64, least: f64) -> f64 {
     if value < least { least } else { value }
 }
 
-/// How far a benchmark is.
+/// Progress of a benchmark on a scene.
 pub struct Progress<'a> {
-    /// Whose turn it was.
+    /// Contender that rendered last.
     pub name: &'a str,
     /// Index of the repeat.
     pub repeat: usize,
-    /// Share of all of the scene's work that is done, 0 to 1.
+    /// Share of the scene's work that is finished, 0 to 1.
     pub done: f64,
 }
 
-/// Where a contender stands within a repeat.
+/// Position of a contender within a repeat.
 #[derive(Clone, Copy, Default)]
 struct Position {
-    /// Seconds of rendering; where pictures are made anew, of the last one.
+    /// Seconds of rendering; for pictures from scratch, those of the last picture.
     seconds: f64,
     samples: u64,
-    /// Where pictures are made anew: seconds of all of them, and of a sample of the fastest.
+    /// Seconds of all pictures from scratch.
     spent: f64,
+    /// Seconds per sample of the fastest picture from scratch.
     pace: Option<f64>,
     next_checkpoint: usize,
     done: bool,
 }
 
-/// Lets all of them render in turns until each has used its budget in every repeat. What stops one of them ends that one alone.
+/// Lets all contenders render in turns until each has used its budget in every repeat. An error ends the
+/// affected contender only.
 pub fn race(entries: &mut [Entry], schedule: &Schedule, truth: &Truth, progress: &mut dyn FnMut(&Progress)) {
     for (repeat, &seed) in schedule.seeds.iter().enumerate() {
         let mut positions = vec![Position::default(); entries.len()];
@@ -222,12 +234,12 @@ pub fn race(entries: &mut [Entry], schedule: &Schedule, truth: &Truth, progress:
                 entry.runs.push(Run { seed, checkpoints: Vec::new() });
             }
         }
-        while let Some(index) = whose_turn(&positions, repeat) {
+        while let Some(index) = next_contender(&positions, repeat) {
             let (entry, position) = (&mut entries[index], &mut positions[index]);
             let result = if entry.contender.grows() {
-                grow(entry, position, schedule, truth)
+                accumulate(entry, position, schedule, truth)
             } else {
-                anew(entry, position, schedule, truth)
+                render_from_scratch(entry, position, schedule, truth)
             };
             if let Err(failure) = result {
                 entry.failure = Some(failure.to_string());
@@ -241,48 +253,60 @@ pub fn race(entries: &mut [Entry], schedule: &Schedule, truth: &Truth, progress:
     }
 }
 
-/// Who has used the least time; of those with the same, another one first in each repeat.
-fn whose_turn(positions: &[Position], repeat: usize) -> Option<usize> {
+/// Selects the contender that has used the least time. Ties are resolved in another order in each repeat.
+fn next_contender(positions: &[Position], repeat: usize) -> Option<usize> {
     let count = positions.len();
     let order = (0..count).map(|i| (i + repeat) % count).filter(|&i| !positions[i].done);
     order.min_by(|&a, &b| positions[a].seconds.total_cmp(&positions[b].seconds))
 }
 
-/// A turn of one whose samples add up.
-fn grow(entry: &mut Entry, at: &mut Position, schedule: &Schedule, truth: &Truth) -> Result<(), BenchError> {
-    let goal = schedule.checkpoints[at.next_checkpoint];
-    let turn = (goal - at.seconds).min(schedule.budget / TURNS);
-    let pace = if at.samples == 0 { entry.pace } else { at.seconds / at.samples as f64 };
-    // Reaching a checkpoint from above a little early would cost another turn of a single sample.
+/// Renders a turn of a contender that accumulates samples.
+fn accumulate(
+    entry: &mut Entry,
+    position: &mut Position,
+    schedule: &Schedule,
+    truth: &Truth,
+) -> Result<(), BenchError> {
+    let goal = schedule.checkpoints[position.next_checkpoint];
+    let turn = (goal - position.seconds).min(schedule.budget / TURNS);
+    let pace = if position.samples == 0 { entry.pace } else { position.seconds / position.samples as f64 };
+    // Without the margin of 2 %, a turn that ends slightly before a checkpoint needs another turn of one
+    // sample.
     let fit = (1.02 * turn / pace) as u64;
     let fit = if fit > BATCH { fit / BATCH * BATCH } else { fit.max(1) };
-    let rendered = entry.contender.render(fit.min(at.samples.max(1) * 4))?;
-    at.seconds += rendered.seconds;
-    at.samples = rendered.samples;
-    if at.seconds >= goal {
-        entry.measure(rendered, at.seconds, truth)?;
-        at.next_checkpoint = schedule.checkpoints.partition_point(|&c| c <= at.seconds);
-        at.done = at.next_checkpoint == schedule.checkpoints.len();
+    let rendered = entry.contender.render(fit.min(position.samples.max(1) * 4))?;
+    position.seconds += rendered.seconds;
+    position.samples = rendered.samples;
+    if position.seconds >= goal {
+        entry.measure(rendered, position.seconds, truth)?;
+        position.next_checkpoint = schedule.checkpoints.partition_point(|&c| c <= position.seconds);
+        position.done = position.next_checkpoint == schedule.checkpoints.len();
     }
     Ok(())
 }
 
-/// A turn of one that makes each picture anew. How many samples the budget allows is told by the fastest picture, so that a moment
-/// in which the machine did something else does not end it.
-fn anew(entry: &mut Entry, at: &mut Position, schedule: &Schedule, truth: &Truth) -> Result<(), BenchError> {
+/// Renders a turn of a contender that renders each picture from scratch. The fastest picture determines the
+/// number of samples that the budget allows, so that a temporary stall of the machine does not end the
+/// repeat.
+fn render_from_scratch(
+    entry: &mut Entry,
+    position: &mut Position,
+    schedule: &Schedule,
+    truth: &Truth,
+) -> Result<(), BenchError> {
     let last = |pace: f64| (BEYOND * schedule.budget / pace).ceil() as u64;
-    let samples = match at.pace {
-        // A power of two, which most sampling patterns like best.
+    let samples = match position.pace {
+        // Most sampling patterns are best at powers of two.
         None => 1 << ((schedule.checkpoints[0] / entry.pace) as u64).max(1).ilog2(),
-        Some(pace) => (2 * at.samples).min(last(pace).max(at.samples + 1)),
+        Some(pace) => (2 * position.samples).min(last(pace).max(position.samples + 1)),
     };
     let rendered = entry.contender.render(samples)?;
-    (at.seconds, at.samples) = (rendered.seconds, rendered.samples.max(at.samples + 1));
-    at.spent += rendered.seconds;
-    let pace = (rendered.seconds / rendered.samples as f64).min(at.pace.unwrap_or(f64::INFINITY));
-    at.pace = Some(pace);
+    (position.seconds, position.samples) = (rendered.seconds, rendered.samples.max(position.samples + 1));
+    position.spent += rendered.seconds;
+    let pace = (rendered.seconds / rendered.samples as f64).min(position.pace.unwrap_or(f64::INFINITY));
+    position.pace = Some(pace);
     entry.measure(rendered, rendered.seconds, truth)?;
-    at.done = at.samples >= last(pace) || at.spent >= PATIENCE * schedule.budget;
+    position.done = position.samples >= last(pace) || position.spent >= PATIENCE * schedule.budget;
     Ok(())
 }
 
@@ -290,13 +314,13 @@ fn anew(entry: &mut Entry, at: &mut Position, schedule: &Schedule, truth: &Truth
 mod tests {
     use super::*;
 
-    /// Takes `pace` seconds a sample and has rel_mse 1 / samples.
+    /// Contender that takes `pace` seconds per sample and has rel_mse 1 / samples.
     struct Fake {
         grows: bool,
         pace: f64,
         samples: u64,
         fails_at: u64,
-        /// The picture of so many samples takes a hundred times as long.
+        /// Number of samples whose picture takes a hundred times as long.
         stalls_at: u64,
     }
 
@@ -360,7 +384,7 @@ mod tests {
             assert!(count("true 0.01") >= 32, "a budget has at least {TURNS} turns: {}", count("true 0.01"));
             assert_eq!(count("true 30"), 4, "one sample a turn");
         }
-        // The fast one is not done before the slow one has begun its last sample.
+        // The fast contender ends after the slow one has begun its last sample.
         let last_of = |name: &str| turns.iter().rposition(|(_, n)| n == name).unwrap();
         assert!(last_of("true 0.01").abs_diff(last_of("true 30")) < 6, "{turns:?}");
         for entry in &entries {
@@ -408,7 +432,7 @@ mod tests {
             let stalled = usize::from(run.checkpoints.iter().any(|c| c.samples == stalls_at));
             assert_eq!(run.curve(|c| c.error).len() + stalled, run.checkpoints.len());
         }
-        // One that stalls for long has to end all the same.
+        // A contender that stalls for long ends, too.
         let mut entries = [entry_of(fake(128))];
         race(&mut entries, &schedule, &white(None), &mut |_| ());
         assert_eq!(entries[0].runs[0].checkpoints.last().map(|c| c.samples), Some(128));
@@ -431,7 +455,7 @@ mod tests {
         race(&mut entries, &schedule, &white(Some(0.005)), &mut |_| ());
         let checkpoints = &entries[0].runs[0].checkpoints;
         assert!((checkpoints[0].error + 0.005 - checkpoints[0].comparison.rel_mse).abs() < 1e-12);
-        // A hundred samples: 0.01 in all, half of it the reference's.
+        // A hundred samples have rel_mse 0.01, half of which is the reference's.
         assert!((checkpoints[2].error / 0.005 - 1.0).abs() < 0.2, "{checkpoints:?}");
         let mut entries = [entry(true, 0.1, u64::MAX)];
         race(&mut entries, &schedule, &white(Some(1.0)), &mut |_| ());

@@ -1,21 +1,25 @@
-//! Programs of others: a command that is started once per scene and spoken to by lines.
+//! Other programs as contenders. The command of a peer is started once per scene, and communicates by lines
+//! of text.
 //!
-//! The command gets `--scene FILE --size WIDTHxHEIGHT --bounces N` (`unlimited` for no limit) after its own arguments. It loads
-//! the scene, renders a sample to warm up, and answers on its standard output
-//!
-//! ```text
-//!     ready WHAT IT IS              or   error WHY IT CANNOT
-//! ```
-//!
-//! and then to each line on its standard input
+//! The arguments `--scene FILE --size WIDTHxHEIGHT --bounces N` (`unlimited` without a limit) are appended to
+//! the command. The peer loads the scene, renders a warm-up sample, and writes one line to its standard
+//! output:
 //!
 //! ```text
-//!     render SAMPLES SEED FILE.exr       done SAMPLES SECONDS   or   error WHY
+//!     ready DESCRIPTION              or   error REASON
 //! ```
 //!
-//! with the picture in FILE.exr: linear Rec. 709 RGB, row 0 on top. SECONDS is the time of rendering by its own clock, without writing
-//! the file; SAMPLES how many it took, where it cannot take any number. Other lines of its output are ignored; what it says on its
-//! standard error is kept beside the report, as NAME-SCENE.log. It ends when its input does. benches/peers has such commands.
+//! It then answers each line of its standard input:
+//!
+//! ```text
+//!     render SAMPLES SEED FILE.exr       done SAMPLES SECONDS   or   error REASON
+//! ```
+//!
+//! The picture is written to FILE.exr: linear Rec. 709 RGB, row 0 at the top. SECONDS is the time of
+//! rendering by the peer's clock, without writing the file. SAMPLES is the number of samples that were taken,
+//! which differs from the request if the program does not support every number. Other lines of output are
+//! ignored. Standard error is stored beside the report as NAME-SCENE.log. The peer exits at the end of its
+//! input. The folder benches/peers has examples.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
@@ -29,13 +33,13 @@ use crate::settings::{Settings, UNLIMITED};
 use super::BenchError;
 use super::contender::{Contender, Details, Rendered};
 
-/// Longest that a peer may take to load a scene.
+/// Time limit for loading a scene.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// A peer on the command line: `NAME=COMMAND`.
+/// Name and command of a peer, on the command line `NAME=COMMAND`.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PeerCommand {
-    /// What the report calls it.
+    /// Name in the report.
     pub name: String,
     /// Program and arguments.
     pub command: Vec<String>,
@@ -48,13 +52,13 @@ impl std::str::FromStr for PeerCommand {
         let (name, command) = text.split_once('=').ok_or("a peer is NAME=COMMAND")?;
         let command: Vec<String> = shlex::Shlex::new(command).collect();
         if name.trim().is_empty() || command.is_empty() {
-            return Err("a peer is NAME=COMMAND, neither of them empty".to_owned());
+            return Err("a peer is NAME=COMMAND, and neither of them may be empty".to_owned());
         }
         Ok(Self { name: name.trim().to_owned(), command })
     }
 }
 
-/// A running peer.
+/// Running process of a peer.
 pub struct Peer {
     name: String,
     about: String,
@@ -68,11 +72,12 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Starts it and waits until it is ready. Pictures go through a file in `folder`, where its messages stay; a picture may take
-    /// `patience`.
+    /// Starts a peer and waits until it is ready. Pictures are exchanged by a file in `folder`, which also
+    /// holds the peer's messages. `patience` is the time limit of a picture.
     ///
     /// # Errors
-    /// [`BenchError::Peer`]: it cannot be started, refuses the scene, or says nothing for ten minutes.
+    /// Returns [`BenchError::Peer`] if the peer cannot be started, refuses the scene, or is not ready after
+    /// ten minutes.
     pub fn start(
         peer: &PeerCommand,
         scene: &str,
@@ -102,7 +107,7 @@ impl Peer {
         if let Some(output) = process.stdout.take() {
             std::thread::spawn(move || {
                 for line in BufReader::new(output).lines().map_while(Result::ok) {
-                    // Nobody listens any more: the peer is being ended.
+                    // The receiver is dropped while the peer is being ended.
                     if send.send(line).is_err() {
                         break;
                     }
@@ -130,7 +135,7 @@ impl Peer {
         BenchError::Peer { name: self.name.clone(), cause }
     }
 
-    /// What follows the word, on the next line that begins with it.
+    /// Returns the text after `word` on the next line that begins with it.
     fn answer(&self, word: &str) -> Result<String, BenchError> {
         let until = Instant::now() + self.patience;
         loop {
@@ -167,7 +172,7 @@ impl Contender for Peer {
             Some(input) => input.write_all(request.as_bytes()).and_then(|()| input.flush()),
             None => Ok(()),
         };
-        sent.map_err(|e| self.error(format!("it does not listen: {e}")))?;
+        sent.map_err(|e| self.error(format!("its input is closed: {e}")))?;
         let answer = self.answer("done")?;
         let numbers = answer.split_once(' ').and_then(|(a, b)| Some((a.parse().ok()?, b.trim().parse().ok()?)));
         match numbers {
@@ -189,7 +194,7 @@ impl Contender for Peer {
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // The end of its input asks it to end; one that hangs is not waited for.
+        // A peer exits at the end of its input. One that hangs is killed after five seconds.
         self.input = None;
         let until = Instant::now() + Duration::from_secs(5);
         while Instant::now() < until && matches!(self.process.try_wait(), Ok(None)) {

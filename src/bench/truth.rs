@@ -1,4 +1,4 @@
-//! What pictures are held against: a file, or a picture made once and kept under the hash of scene and settings.
+//! References: a file, or a picture that is rendered once and stored under a hash of scene and settings.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -10,63 +10,64 @@ use sha2::{Digest as _, Sha256};
 use crate::film::Film;
 use crate::gpu::Gpu;
 use crate::metrics;
-use crate::path_renderer::PathRenderer;
 use crate::reference::{Reference, Rounds};
-use crate::renderer::Progressive as _;
+use crate::render;
 use crate::scene::Scene;
-use crate::settings::{Method, Settings};
+use crate::settings::{Settings, Technique};
 
 use super::BenchError;
 use super::contender::reference_settings;
 
-/// Seeds of the two halves, which no contender has.
+/// Seeds of the two halves. Contenders use other seeds.
 const SEEDS: [u32; 2] = [0x5eed_0001, 0x5eed_0002];
 
-/// Counts up whenever the renderers that make references change what they give.
+/// Version of the renderers of references. It is incremented whenever their results change.
 const GENERATION: u32 = 1;
 
-/// A picture that is taken for right.
+/// Reference picture with its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// The picture.
+    /// Reference picture.
     pub film: Film,
-    /// Where it comes from.
+    /// Origin of the picture.
     pub origin: Origin,
 }
 
-/// Where a reference comes from.
+/// Origin of a reference.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
-    /// A sentence for the report.
+    /// Description for the report.
     pub how: String,
-    /// The reference's own rel_mse, where it is known: of a picture of two halves, the mean of (a - b)^2 / (r^2 + 0.01) / 4.
+    /// rel_mse of the reference itself, if known. With the halves a and b of the picture r it is the mean of
+    /// (a - b)^2 / (r^2 + 0.01) / 4.
     pub own_rel_mse: Option<f64>,
-    /// Samples per pixel; 0 where that is not known.
+    /// Samples per pixel; 0 if unknown.
     pub samples: u64,
-    /// Seconds that it took.
+    /// Seconds of rendering.
     pub seconds: f64,
 }
 
 impl Truth {
-    /// A file, whose own error is what the caller knows of it.
+    /// Loads a reference from a file, with its rel_mse if the caller knows it.
     ///
     /// # Errors
-    /// A file that cannot be read, or with values that are not finite.
+    /// Returns an error if the file cannot be read, or if values are not finite.
     pub fn from_file(path: &Path, own_rel_mse: Option<f64>) -> Result<Self, BenchError> {
         let film = Film::load(path)?;
         if film.non_finite() > 0 {
             let cause = format!("{} values of {} are not finite", film.non_finite(), path.display());
-            return Err(BenchError::Truth(format!("{cause}: render it anew")));
+            return Err(BenchError::Truth(format!("{cause}; render it again")));
         }
         let how = format!("the file {}", path.file_name().unwrap_or_default().to_string_lossy());
         Ok(Self { film, origin: Origin { how, own_rel_mse, samples: 0, seconds: 0.0 } })
     }
 
-    /// What was kept in `cache` of this scene in these settings, or a new picture by `settings.method`: `reference`, or on a
-    /// device `path` or `ray-query`, two halves of `seconds / 2` each, which is then kept. `progress` hears the share that is done, 0 to 1.
+    /// Returns the stored reference of this scene and these settings. If there is none, renders two halves of
+    /// `seconds / 2` each by `settings.method` (`reference`, or on a device `path` or `ray-query`) and stores
+    /// their mean in `cache`. `progress` receives the finished share, 0 to 1.
     ///
     /// # Errors
-    /// As of the renderers; a cache that cannot be written.
+    /// Returns the error of the renderer, or an error if the cache cannot be written.
     pub fn cached(
         gpu: Option<&Gpu>,
         scene: &Scene,
@@ -90,6 +91,7 @@ impl Truth {
         Ok(truth)
     }
 
+    /// Renders two halves and their mean.
     fn halves(
         gpu: Option<&Gpu>,
         scene: &Scene,
@@ -106,14 +108,14 @@ impl Truth {
         let mean = |a: f32, b: f32| 0.5 * (a + b);
         let pixels = a.pixels.iter().zip(&b.pixels).map(|(a, b)| std::array::from_fn(|c| mean(a[c], b[c]))).collect();
         let film = Film { pixels, ..a.clone() };
-        // a and r differ by half of what a and b do, so its square is the mean's variance: (a - b)^2 / 4.
+        // a - r = (a - b) / 2, and (a - b)^2 / 4 is an estimate of the variance of the mean r.
         let own = metrics::compare(&a, &film)?.rel_mse;
         if !own.is_finite() {
-            let cause = format!("{} has values that are not finite", settings.method);
+            let cause = format!("{} has values that are not finite", settings.technique);
             return Err(BenchError::Truth(format!("{cause}; report the scene, and use --reference FILE")));
         }
         let device = gpu.map_or_else(|| "CPU".to_owned(), |gpu| gpu.capabilities.adapter.clone());
-        let how = format!("{} on {device}, two halves", settings.method);
+        let how = format!("{} on {device}, two halves", settings.technique);
         let seconds = began.elapsed().as_secs_f64();
         Ok(Self { film, origin: Origin { how, own_rel_mse: Some(own), samples, seconds } })
     }
@@ -123,7 +125,8 @@ fn unwritable(path: &Path, cause: &std::io::Error) -> BenchError {
     BenchError::Truth(format!("{}: cannot be written ({cause}); choose another folder with --cache", path.display()))
 }
 
-/// Both halves at once, doubling, so that they have the same number of samples, the most that fits.
+/// Renders both halves alternately in rounds that double, so that both have the same number of samples: the
+/// most that fit into the time.
 fn halves_by_reference(scene: &Scene, settings: &Settings, seconds: f64, progress: &dyn Fn(f64)) -> ([Film; 2], u64) {
     let began = Instant::now();
     let reference = Reference::new(scene);
@@ -135,7 +138,8 @@ fn halves_by_reference(scene: &Scene, settings: &Settings, seconds: f64, progres
         }
         let (used, samples) = (began.elapsed().as_secs_f64(), halves[0].samples());
         progress((used / seconds).min(1.0));
-        // A quarter of the samples so far at least, so that sequences are cut seldom; the last round ends on the budget.
+        // A round has at least a quarter of the samples so far, so that sequences are rarely truncated. The
+        // last round ends with the budget.
         let fit = ((seconds - used) * f64::from(samples) / used) as u32;
         if fit < samples.div_ceil(4) {
             break;
@@ -146,6 +150,8 @@ fn halves_by_reference(scene: &Scene, settings: &Settings, seconds: f64, progres
     (halves.map(|half| half.film()), samples)
 }
 
+/// Renders the halves on a device: the first for half of the time, the second with the same number of
+/// samples.
 fn halves_by_device(
     gpu: &Gpu,
     scene: &Scene,
@@ -153,7 +159,7 @@ fn halves_by_device(
     seconds: f64,
     progress: &dyn Fn(f64),
 ) -> Result<([Film; 2], u64), BenchError> {
-    let mut renderer = PathRenderer::new(gpu, scene, settings)?;
+    let mut renderer = render::open(gpu, scene, settings)?;
     renderer.restart(SEEDS[0]);
     let began = Instant::now();
     let half = seconds / 2.0;
@@ -171,10 +177,11 @@ fn halves_by_device(
     Ok(([first, renderer.film()?], 2 * samples))
 }
 
-/// The name under which a reference is kept: a hash of everything that it depends on.
+/// Returns the name of a stored reference: a hash of everything on which the picture depends.
 fn key(scene: &Scene, settings: &Settings, seconds: f64) -> String {
     let mut hash = Hash(Sha256::new());
-    // A scene's debug print names every field with every digit, so that no new field can be forgotten here.
+    // The debug output of a scene contains every field with every digit, so that new fields are included
+    // automatically.
     let written = write!(hash, "{GENERATION} {seconds} {:?} {settings:?}\n{scene:?}", reference_settings(settings));
     debug_assert!(written.is_ok(), "hashing cannot fail");
     hash.0.finalize().iter().take(16).fold(String::new(), |mut hex, byte| {
@@ -183,7 +190,7 @@ fn key(scene: &Scene, settings: &Settings, seconds: f64) -> String {
     })
 }
 
-/// Hashes what is printed.
+/// Writer that hashes text.
 struct Hash(Sha256);
 
 impl std::fmt::Write for Hash {
@@ -193,7 +200,7 @@ impl std::fmt::Write for Hash {
     }
 }
 
-/// Where references are kept unless somebody says otherwise: `lightsheaf/references` in the user's cache folder.
+/// Returns the default folder of references: `lightsheaf/references` in the user's cache folder.
 #[must_use]
 pub fn default_cache() -> PathBuf {
     let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
@@ -201,12 +208,13 @@ pub fn default_cache() -> PathBuf {
     base.unwrap_or_else(std::env::temp_dir).join("lightsheaf").join("references")
 }
 
-/// Who makes references on this machine: the path tracer of a GPU that has ray queries, otherwise the CPU.
+/// Returns the default method for references with its device: `path` on a GPU with ray queries, otherwise the
+/// CPU reference.
 #[must_use]
-pub fn best_method() -> (Method, Option<Gpu>) {
+pub fn best_method() -> (Technique, Option<Gpu>) {
     match Gpu::with_ray_queries() {
-        Ok(gpu) if !gpu.capabilities.software => (Method::Path, Some(gpu)),
-        _ => (Method::Reference, None),
+        Ok(gpu) if !gpu.capabilities.software => (Technique::PATH, Some(gpu)),
+        _ => (Technique::REFERENCE, None),
     }
 }
 
@@ -218,7 +226,7 @@ mod tests {
     #[test]
     fn the_key_follows_scene_and_settings() {
         let scene = builtin::load("cornell_point").unwrap();
-        let settings = Settings { method: Method::Reference, ..Settings::default() };
+        let settings = Settings { technique: Technique::REFERENCE, ..Settings::default() };
         let base = key(&scene, &settings, 10.0);
         assert_eq!(base, key(&scene.clone(), &settings.clone(), 10.0));
         assert_eq!(base.len(), 32);
@@ -232,7 +240,7 @@ mod tests {
             key(&scene, &settings, 11.0),
             key(&scene, &Settings { bounces: 3, ..settings.clone() }, 10.0),
             key(&scene, &Settings { width: 511, ..settings.clone() }, 10.0),
-            key(&scene, &Settings { method: Method::Path, ..settings }, 10.0),
+            key(&scene, &Settings { technique: Technique::PATH, ..settings }, 10.0),
         ];
         for (i, key) in changed.iter().enumerate() {
             assert!(*key != base && !changed[..i].contains(key), "{i}");
@@ -243,14 +251,14 @@ mod tests {
     fn a_reference_is_made_once_and_knows_its_own_error() {
         let folder = std::env::temp_dir().join(format!("lightsheaf-truth-{}", std::process::id()));
         let scene = builtin::load("cornell_area").unwrap();
-        let settings = Settings { method: Method::Reference, width: 32, height: 32, ..Settings::default() };
+        let settings = Settings { technique: Technique::REFERENCE, width: 32, height: 32, ..Settings::default() };
         let truth = Truth::cached(None, &scene, &settings, 0.5, &folder, &|_| ()).unwrap();
         let again = Truth::cached(None, &scene, &settings, 0.5, &folder, &|_| panic!("rendered twice")).unwrap();
         assert!(truth.film == again.film, "the same bytes");
         let [own, kept] = [&truth, &again].map(|t| t.origin.own_rel_mse.unwrap());
         assert!((own / kept - 1.0).abs() < 1e-12, "{own} {kept}");
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
-        // Against a much better picture the error is what the halves said, within their noise.
+        // The error against a much better picture equals the estimate from the halves, within noise.
         let better = Settings { samples: 8 * truth.origin.samples as u32, ..settings };
         let better = Reference::new(&scene).render(&reference_settings(&better), &|_, _| ()).film;
         let real = metrics::compare(&truth.film, &better).unwrap().rel_mse;

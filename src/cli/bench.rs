@@ -1,4 +1,4 @@
-//! `bench`: error against run time, ours and others'.
+//! Command `bench`: measures error against run time of our methods and of other programs.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,84 +8,95 @@ use clap::Parser as _;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::bench::contender::{device, ours};
+use lightsheaf::bench::report::{FILES, Machine, Report};
 use lightsheaf::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, race, truth};
+use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, GpuError};
-use lightsheaf::report::{FILES, Machine, Report};
+use lightsheaf::render::adapt::adapted;
 use lightsheaf::scene::{Scene, Viewpoint};
-use lightsheaf::settings::{BUDGETS, Method, Settings, UNLIMITED, parse_bounces};
+use lightsheaf::settings::{BUDGETS, Settings, Technique, UNLIMITED, parse_bounces};
 use lightsheaf::staging::{self, Staging};
 
 use super::output;
 
-/// Scenes where none are given: a light without extent, one with extent, and one that paths from the camera hardly find.
+/// Default scenes: a point light, an area light, and a light that paths from the camera rarely find.
 const SCENES: [&str; 3] = ["builtin:cornell_point", "builtin:cornell_area", "builtin:corner_spikes"];
 
 #[derive(clap::Args)]
 pub struct BenchArgs {
-    /// .gltf, .glb or Mitsuba .xml files, or builtin:NAME [default: builtin:cornell_point, cornell_area and corner_spikes]
+    /// Scene files or builtin:NAME, see `lightsheaf scenes` [default: builtin:cornell_point,
+    /// cornell_area and corner_spikes]
     scenes: Vec<String>,
-    /// The folder for report.html, report.json, report.csv and report.md; made where there is none
+    /// Folder for report.html, report.json, report.csv and report.md. It is created if it does not exist
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Methods that take part, by commas [default: raster, and where there are ray queries twin, ray-query and path]
-    #[arg(long, value_name = "METHODS", value_enum, value_delimiter = ',')]
-    methods: Vec<Method>,
-    /// One more of our methods with options of its own: `fast=--method raster --visibility fast`; may be repeated
+    /// Methods to measure, separated by commas: raster, twin, ray-query, path, reference [default: raster,
+    /// twin, ray-query and path; without ray queries raster and reference]
+    #[arg(long, value_name = "METHODS", value_delimiter = ',')]
+    methods: Vec<Technique>,
+    /// Further method with its own options of render, such as `fast=--method shared --visibility fast`. May
+    /// be repeated
     #[arg(long = "variant", value_name = "NAME=OPTIONS")]
     variants: Vec<String>,
-    /// A program of others: `mitsuba=target/peers/mitsuba/bin/python benches/peers/peer_mitsuba.py`, see benches/peers; needs Mitsuba .xml
-    /// scenes; may be repeated
+    /// Other program, such as `mitsuba=target/peers/mitsuba/bin/python benches/peers/peer_mitsuba.py` (see
+    /// benches/peers). Needs Mitsuba .xml scenes. May be repeated
     #[arg(long = "peer", value_name = "NAME=COMMAND")]
     peers: Vec<PeerCommand>,
-    /// Seconds of rendering for each method, scene and repeat
+    /// Time of rendering for each method, scene and repeat in seconds, 0.001 to 604800
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, default_value_t = 20.0)]
     budget: f64,
-    /// Pictures of a repeat that are compared, at log-spaced times from a hundredth of the budget on, 2 to 64
+    /// Number of pictures of a repeat that are compared, 2 to 64, at log-spaced times from a hundredth of the
+    /// budget on
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 9)]
     checkpoints: usize,
-    /// Repeats, each with a seed of its own, 1 to 100
+    /// Number of repeats, 1 to 100, each with a separate seed
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 3)]
     repeats: u32,
-    /// The first repeat's seed; the others follow
+    /// Seed of the first repeat. The other repeats use the following numbers
     #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Settings::default().seed)]
     seed: u32,
-    /// Errors whose time is in the table, by commas
+    /// Errors for which the table lists the time, above 0, separated by commas
     #[arg(long, value_name = "REL_MSE", value_delimiter = ',', allow_hyphen_values = true, default_values_t = [0.01, 0.003, 0.001])]
     targets: Vec<f64>,
-    /// Columns and rows of the pictures [default: what the scene's camera asks for, otherwise 512x512]
+    /// Width and height of the pictures in pixels, 1 to 16384 each [default: the camera's film size if the
+    /// scene has one, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = super::view::parse_size)]
     size: Option<(u32, u32)>,
-    /// Indirect bounces: 0 is direct light only; `unlimited` for path, the reference and peers
+    /// Number of indirect bounces, 0 to 64. 0 is direct light only. path, reference and peers also accept
+    /// `unlimited`
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Settings::default().bounces)]
     bounces: u32,
-    /// What pictures are held against: an image for each scene, by commas, or auto: rendered once and kept, see --cache
+    /// Reference image for each scene, separated by commas. auto renders references once and stores them in
+    /// --cache
     #[arg(long, value_name = "FILE|auto", value_delimiter = ',', default_value = "auto")]
     reference: Vec<String>,
-    /// What is known of the own rel_mse of the images of --reference, by commas; it is subtracted
+    /// Known rel_mse of each image of --reference, above 0, separated by commas. It is subtracted from the
+    /// results
     #[arg(long, value_name = "REL_MSE", value_delimiter = ',', requires = "reference")]
     reference_error: Vec<f64>,
-    /// Who makes references: reference, path or ray-query [default: path on a GPU with ray queries, otherwise reference]
-    #[arg(long, value_name = "METHOD", value_enum)]
-    reference_method: Option<Method>,
-    /// Seconds for a reference [default: ten times the budget]
+    /// Method that renders references: reference, path or ray-query [default: path on a GPU with ray queries,
+    /// otherwise reference]
+    #[arg(long, value_name = "METHOD")]
+    reference_method: Option<Technique>,
+    /// Time for rendering a reference in seconds, 0.001 to 604800 [default: ten times the budget]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     reference_budget: Option<f64>,
-    /// Where references are kept [default: lightsheaf/references in the user's cache folder]
+    /// Folder of references that were rendered [default: lightsheaf/references in the user's cache folder]
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// No progress, no closing line
+    /// Print neither progress nor the closing line. Warnings and errors are still printed
     #[arg(short, long)]
     quiet: bool,
 }
 
-/// One of our methods with its settings.
+/// Method of ours with its settings.
 #[derive(Clone)]
 struct Variant {
     name: String,
     settings: Settings,
 }
 
-/// Options of a variant, as `render` has them.
+/// Options of a variant, which are options of `render`.
 #[derive(clap::Parser)]
 #[command(no_binary_name = true)]
 struct Options {
@@ -93,7 +104,7 @@ struct Options {
     settings: Settings,
 }
 
-/// Measures, and writes the report after each scene.
+/// Measures all scenes, and writes the report after each scene.
 pub fn run(args: &BenchArgs) -> Result<()> {
     let machine = Machine::here();
     check(args)?;
@@ -108,7 +119,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         let path = args.output.join(name);
         output::check(&path, &[name.rsplit('.').next().unwrap_or_default()])?;
     }
-    let judge = Judge::new(args)?;
+    let reference_maker = ReferenceMaker::new(args)?;
 
     let seeds = (0..args.repeats).map(|n| args.seed.wrapping_add(n)).collect();
     let schedule = Schedule::new(args.budget, args.checkpoints, seeds);
@@ -121,7 +132,8 @@ pub fn run(args: &BenchArgs) -> Result<()> {
         for warning in &scene.warnings {
             eprintln!("warning: {spec}: {warning}");
         }
-        bench(args, &scene, spec, &variants, &judge, (reference, *own), &mut report).with_context(|| spec.clone())?;
+        bench(args, &scene, spec, &variants, &reference_maker, (reference, *own), &mut report)
+            .with_context(|| spec.clone())?;
         report.write(&args.output)?;
     }
     if !args.quiet {
@@ -130,13 +142,13 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     Ok(())
 }
 
-/// One scene.
+/// Measures all contenders on one scene and adds the results to the report.
 fn bench(
     args: &BenchArgs,
     scene: &Scene,
     spec: &str,
     variants: &[Variant],
-    judge: &Judge,
+    reference_maker: &ReferenceMaker,
     (reference, own): (&str, Option<f64>),
     report: &mut Report,
 ) -> Result<()> {
@@ -145,60 +157,28 @@ fn bench(
         let (width, height) = film_size.unwrap_or((settings.width, settings.height));
         Settings { width, height, bounces: args.bounces, seed: args.seed, ..settings.clone() }
     };
+    let settings = sized(&Settings::default());
     let truth = match reference {
-        "auto" => judge.truth(args, scene, spec, &sized(&Settings::default()))?,
+        "auto" => reference_maker.truth(args, scene, spec, &settings)?,
         file => Truth::from_file(Path::new(file), own)?,
     };
-    let settings = sized(&Settings::default());
-    if (truth.film.width, truth.film.height) != (settings.width, settings.height) {
-        bail!(
-            "the reference {reference} is {}x{}, pictures would be {}x{}: give --size {0}x{1}",
-            truth.film.width,
-            truth.film.height,
-            settings.width,
-            settings.height
-        );
-    }
+    check_reference_size(&truth, reference, &settings)?;
+    warn_about_variants(scene, spec, variants)?;
 
-    let stripped = variants.iter().any(|v| v.settings.method.shares_subpaths());
-    let without_glass = stripped.then(|| scene.clone().without_glass());
-    for warning in without_glass.iter().flat_map(|s| &s.warnings).filter(|w| !scene.warnings.contains(w)) {
-        eprintln!("warning: {spec}: raster and twin: {warning}");
-    }
-
-    // Each on a device of its own, so that times of passes stay apart.
     let bar = bar(args, "{prefix}: starting {msg}");
     bar.set_prefix(spec.to_owned());
-    let mut opened = Vec::new();
-    for variant in variants {
-        let began = Instant::now();
-        opened.push((device(variant.settings.method)?, began.elapsed().as_secs_f64()));
-    }
+    let devices = open_devices(variants)?;
     let mut entries = Vec::new();
-    for (variant, (gpu, opening)) in variants.iter().zip(&opened) {
+    for (variant, (gpu, opening)) in variants.iter().zip(&devices) {
         bar.set_message(variant.name.clone());
         let began = Instant::now();
-        let scene = without_glass.as_ref().filter(|_| variant.settings.method.shares_subpaths()).unwrap_or(scene);
         let contender = ours(gpu.as_ref(), scene, &sized(&variant.settings))?;
         let mut entry = Entry::new(variant.name.clone(), contender, began)?;
         entry.startup += opening;
         entries.push(entry);
     }
-    let mut refusals = Vec::new();
-    for peer in &args.peers {
-        bar.set_message(peer.name.clone());
-        let began = Instant::now();
-        let patience = Duration::from_secs_f64(20.0 * args.budget + 120.0);
-        let started = Peer::start(peer, spec, &settings, &args.output, patience)
-            .and_then(|p| Entry::new(peer.name.clone(), Box::new(p) as Box<dyn Contender>, began));
-        match started {
-            Ok(entry) => entries.push(entry),
-            Err(e) => {
-                eprintln!("warning: {spec}: {e}");
-                refusals.push((peer.name.clone(), e.to_string()));
-            }
-        }
-    }
+    let (peers, refusals) = start_peers(args, spec, &settings, &bar);
+    entries.extend(peers);
     bar.finish_and_clear();
 
     let bar = self::bar(args, "{prefix}: {bar:40} {percent} %, {msg}, {elapsed}");
@@ -215,28 +195,93 @@ fn bench(
     Ok(())
 }
 
-/// Who makes references.
-struct Judge {
-    method: Method,
+/// Checks that the reference has the size of the pictures.
+fn check_reference_size(truth: &Truth, reference: &str, settings: &Settings) -> Result<()> {
+    let Film { width, height, .. } = truth.film;
+    if (width, height) != (settings.width, settings.height) {
+        bail!(
+            "the reference {reference} is {width}x{height}, but the pictures are {}x{}; give --size {width}x{height}",
+            settings.width,
+            settings.height
+        );
+    }
+    Ok(())
+}
+
+/// Prints the warnings that the scene has with the settings of the variants only, each once.
+fn warn_about_variants(scene: &Scene, spec: &str, variants: &[Variant]) -> Result<()> {
+    let mut warned = scene.warnings.clone();
+    for variant in variants {
+        for warning in &adapted(scene, &variant.settings)?.warnings {
+            if !warned.contains(warning) {
+                eprintln!("warning: {spec}: {}: {warning}", variant.name);
+                warned.push(warning.clone());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Opens a separate device for each variant, which keeps the times of its passes separate. Returns the
+/// devices and the seconds that opening took.
+fn open_devices(variants: &[Variant]) -> Result<Vec<(Option<Gpu>, f64)>> {
+    let mut devices = Vec::new();
+    for variant in variants {
+        let began = Instant::now();
+        devices.push((device(variant.settings.technique)?, began.elapsed().as_secs_f64()));
+    }
+    Ok(devices)
+}
+
+/// Starts the other programs. Returns their entries, and name and reason of each program that refuses the
+/// scene.
+fn start_peers(
+    args: &BenchArgs,
+    spec: &str,
+    settings: &Settings,
+    bar: &ProgressBar,
+) -> (Vec<Entry<'static>>, Vec<(String, String)>) {
+    let (mut entries, mut refusals) = (Vec::new(), Vec::new());
+    let patience = Duration::from_secs_f64(20.0 * args.budget + 120.0);
+    for peer in &args.peers {
+        bar.set_message(peer.name.clone());
+        let began = Instant::now();
+        let started = Peer::start(peer, spec, settings, &args.output, patience)
+            .and_then(|p| Entry::new(peer.name.clone(), Box::new(p) as Box<dyn Contender>, began));
+        match started {
+            Ok(entry) => entries.push(entry),
+            Err(e) => {
+                eprintln!("warning: {spec}: {e}");
+                refusals.push((peer.name.clone(), e.to_string()));
+            }
+        }
+    }
+    (entries, refusals)
+}
+
+/// Renderer of reference images.
+struct ReferenceMaker {
+    technique: Technique,
     gpu: Option<Gpu>,
     cache: PathBuf,
     seconds: f64,
 }
 
-impl Judge {
+impl ReferenceMaker {
     fn new(args: &BenchArgs) -> Result<Self> {
         let (method, gpu) = match args.reference_method {
-            None if args.reference.iter().all(|r| r != "auto") => (Method::Reference, None),
+            None if args.reference.iter().all(|r| r != "auto") => (Technique::REFERENCE, None),
             None => truth::best_method(),
             Some(method) => (method, device(method)?),
         };
         let cache = args.cache.clone().unwrap_or_else(truth::default_cache);
         let seconds = args.reference_budget.unwrap_or(10.0 * args.budget);
-        Ok(Self { method, gpu, cache, seconds })
+        Ok(Self { technique: method, gpu, cache, seconds })
     }
 
+    /// Returns the stored reference of a scene, or renders it.
     fn truth(&self, args: &BenchArgs, scene: &Scene, spec: &str, settings: &Settings) -> Result<Truth> {
-        let settings = Settings { method: self.method, seed: Settings::default().seed, ..settings.clone() };
+        let settings = Settings { technique: self.technique, seed: Settings::default().seed, ..settings.clone() };
         settings.check()?;
         let bar = bar(args, "{prefix}: {bar:40} {percent} % of the reference, {elapsed}");
         bar.set_prefix(spec.to_owned());
@@ -247,7 +292,7 @@ impl Judge {
     }
 }
 
-/// What can be wrong before anything is loaded.
+/// Checks the arguments before anything is loaded.
 fn check(args: &BenchArgs) -> Result<()> {
     for (option, seconds) in [("--budget", Some(args.budget)), ("--reference-budget", args.reference_budget)] {
         if let Some(seconds) = seconds.filter(|s| !BUDGETS.contains(s)) {
@@ -267,15 +312,15 @@ fn check(args: &BenchArgs) -> Result<()> {
         bail!("--reference-method {method}: is biased at any number of samples; use reference, path or ray-query");
     }
     if let (Some(scene), [peer, ..]) = (args.scenes.iter().find(|s| !s.ends_with(".xml")), args.peers.as_slice()) {
-        bail!("{scene}: peer {} reads Mitsuba .xml scenes only; leave out one of them", peer.name);
+        bail!("{scene}: peer {} reads Mitsuba .xml scenes only; omit the scene or the peer", peer.name);
     }
     if let ([], [peer, ..]) = (args.scenes.as_slice(), args.peers.as_slice()) {
-        bail!("peer {} reads Mitsuba .xml scenes only: name some", peer.name);
+        bail!("peer {} reads Mitsuba .xml scenes only; name some", peer.name);
     }
     Ok(())
 }
 
-/// A reference for each scene, with what is known of its error.
+/// Returns the reference of each scene with its known error.
 fn references(args: &BenchArgs, scenes: usize) -> Result<Vec<(String, Option<f64>)>> {
     let references = match args.reference.as_slice() {
         [one] if one == "auto" => vec![one.clone(); scenes],
@@ -289,11 +334,11 @@ fn references(args: &BenchArgs, scenes: usize) -> Result<Vec<(String, Option<f64
     Ok(references.into_iter().zip(errors).collect())
 }
 
-/// Our methods that take part.
+/// Returns our methods to measure with their settings.
 fn variants(args: &BenchArgs) -> Result<Vec<Variant>> {
-    let plain = |&method: &Method| Variant {
-        name: method.to_string(),
-        settings: Settings { method, bounces: args.bounces, ..Settings::default() },
+    let plain = |&technique: &Technique| Variant {
+        name: technique.to_string(),
+        settings: Settings { technique, bounces: args.bounces, ..Settings::default() },
     };
     let mut variants: Vec<Variant> = match args.methods.as_slice() {
         [] if args.variants.is_empty() => default_methods()?.iter().map(plain).collect(),
@@ -301,7 +346,7 @@ fn variants(args: &BenchArgs) -> Result<Vec<Variant>> {
     };
     for text in &args.variants {
         let Some((name, options)) = text.split_once('=') else {
-            bail!("--variant {text}: has to be NAME=OPTIONS, such as `fast=--method raster --visibility fast`");
+            bail!("--variant {text}: has to be NAME=OPTIONS, such as `fast=--method shared --visibility fast`");
         };
         let options = Options::try_parse_from(shlex::Shlex::new(options));
         let mut settings = options.with_context(|| format!("--variant {name}"))?.settings;
@@ -310,7 +355,7 @@ fn variants(args: &BenchArgs) -> Result<Vec<Variant>> {
             (settings.samples, settings.budget, settings.bounces, settings.seed, settings.aperture, settings.focus);
         if ours != (samples, budget, bounces, seed, aperture, focus) {
             bail!(
-                "--variant {name}: samples, budget, bounces, seed and lens are the same for all; see the options of bench"
+                "--variant {name}: samples, budget, bounces, seed and lens are the same for all methods; see the options of bench"
             );
         }
         settings.bounces = args.bounces;
@@ -321,30 +366,30 @@ fn variants(args: &BenchArgs) -> Result<Vec<Variant>> {
     }
     let names: Vec<_> = variants.iter().map(|v| &v.name).chain(args.peers.iter().map(|p| &p.name)).collect();
     if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
-        bail!("{}: two methods of that name; give one of them another by --variant or --peer", twice.1);
+        bail!("{}: there are two methods of that name; rename one by --variant or --peer", twice.1);
     }
     Ok(variants)
 }
 
-/// All that this device has.
-fn default_methods() -> Result<Vec<Method>> {
+/// Returns all methods that this device supports.
+fn default_methods() -> Result<Vec<Technique>> {
     match Gpu::with_ray_queries() {
-        Ok(_) => Ok(vec![Method::Raster, Method::Twin, Method::RayQuery, Method::Path]),
+        Ok(_) => Ok(vec![Technique::RASTER, Technique::TWIN, Technique::RAY_QUERY, Technique::PATH]),
         Err(GpuError::NoRayQueries { adapter, .. }) => {
-            eprintln!("warning: {adapter} has no ray queries: raster and the CPU reference take part");
-            Ok(vec![Method::Raster, Method::Reference])
+            eprintln!("warning: {adapter} has no ray queries; only raster and the CPU reference are measured");
+            Ok(vec![Technique::RASTER, Technique::REFERENCE])
         }
         Err(e) => Err(e.into()),
     }
 }
 
-/// The command line, quoted for a shell.
+/// Returns the command line, quoted for a shell.
 fn command_line() -> String {
     let words: Vec<String> = std::env::args().collect();
     shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
 }
 
-/// A progress bar of a thousand steps on a terminal, and nothing elsewhere.
+/// Creates a progress bar of a thousand steps, which is visible on a terminal only.
 fn bar(args: &BenchArgs, template: &str) -> ProgressBar {
     if args.quiet {
         return ProgressBar::hidden();

@@ -1,4 +1,4 @@
-//! `compare`: an image against a reference.
+//! Command `compare`: error of an image against a reference.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -12,25 +12,25 @@ use super::output;
 
 #[derive(clap::Args)]
 pub struct CompareArgs {
-    /// The image: .exr, .hdr, or .png (its tone map is undone)
+    /// Image to compare: .exr, .hdr, or .png (the clip tone curve is undone)
     image: PathBuf,
-    /// What it should be
+    /// Reference image of the same size, in one of these formats
     reference: PathBuf,
-    /// Print JSON
+    /// Print the metrics as JSON
     #[arg(long)]
     json: bool,
-    /// Write the signed relative error of each pixel: red too bright, blue too dark
+    /// Write a heat map of the signed relative error: red is too bright, blue is too dark, saturated at 100 %
     #[arg(long, value_name = "OUT.png")]
     heatmap: Option<PathBuf>,
-    /// Exit with 1 if rel_mse is above this
+    /// Exit with code 1 if rel_mse is above this threshold
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     max_rel_mse: Option<f64>,
-    /// Exit with 1 if mean_bias is further from 0 than this (0.01 is one percent)
+    /// Exit with code 1 if the magnitude of mean_bias is above this threshold (0.01 is 1 %)
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     max_bias: Option<f64>,
 }
 
-/// Compares, prints, and answers 0 or, above a threshold, 1.
+/// Compares two images and prints the metrics. Returns exit code 1 if a threshold is exceeded.
 pub fn run(args: &CompareArgs) -> Result<ExitCode> {
     for (option, limit) in [("--max-rel-mse", args.max_rel_mse), ("--max-bias", args.max_bias)] {
         if let Some(limit) = limit.filter(|&limit| !(0.0..).contains(&limit)) {
@@ -50,7 +50,7 @@ pub fn run(args: &CompareArgs) -> Result<ExitCode> {
         [("rel_mse", comparison.rel_mse, args.max_rel_mse), ("mean_bias", comparison.mean_bias.abs(), args.max_bias)];
     let mut code = ExitCode::SUCCESS;
     for (name, value, limit) in judged {
-        // NaN, which an image with holes has, is within no limit.
+        // NaN, from pixels that are not finite, exceeds every threshold.
         if let Some(limit) = limit.filter(|limit| !(..=*limit).contains(&value)) {
             eprintln!("exceeded: {name} {value:.6} is not within {limit}");
             code = ExitCode::from(1);
@@ -59,6 +59,7 @@ pub fn run(args: &CompareArgs) -> Result<ExitCode> {
     Ok(code)
 }
 
+/// Formats the metrics, one per line.
 fn table(c: &Comparison) -> String {
     let line = |name: &str, value: String| format!("{name:<11}{value:>14}");
     [

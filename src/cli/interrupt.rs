@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM: the first signal asks `render` to write what it has, the second ends the program at
-//! once.
+//! Handling of Ctrl-C and SIGTERM. After the first signal `render` writes the picture so far; the second
+//! signal ends the program at once.
 
 use std::io;
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use signal_hook::flag;
 /// Exit code of an interrupted program: 128 + SIGINT, as in shells.
 pub const EXIT_CODE: u8 = 130;
 
-/// Time between two looks at the flags, for the message.
+/// Interval at which the flags are polled for the message.
 const POLL: Duration = Duration::from_millis(50);
 
-/// Whether a signal has come.
+/// Flags that signal handlers set and renders poll.
 #[derive(Clone, Default)]
 pub struct Interrupt {
     requested: Arc<AtomicBool>,
@@ -24,12 +24,12 @@ pub struct Interrupt {
 }
 
 impl Interrupt {
-    /// Handles signals from here on. One that comes before [`Self::begin`] is answered with a line on stderr,
-    /// unless `quiet`.
+    /// Installs the signal handlers. A signal before [`Self::begin`] prints a line on stderr, unless `quiet`.
     pub fn install(quiet: bool) -> io::Result<Self> {
         let this = Self::default();
         for signal in [SIGINT, SIGTERM] {
-            // Handlers run in this order, so the first signal sets the flag and the second one finds it set.
+            // Handlers run in the order of registration, so the first signal sets the flag and the second
+            // exits.
             flag::register_conditional_shutdown(signal, EXIT_CODE.into(), Arc::clone(&this.requested))?;
             flag::register(signal, Arc::clone(&this.requested))?;
         }
@@ -40,7 +40,7 @@ impl Interrupt {
         Ok(this)
     }
 
-    /// Answers a signal that comes while the scene is loaded or the renderer set up.
+    /// Prints a message for a signal during loading or setup.
     fn announce(&self) {
         while !self.rendering.load(Ordering::Relaxed) {
             if self.requested() {
@@ -51,12 +51,12 @@ impl Interrupt {
         }
     }
 
-    /// Notes that samples are being rendered, so that a signal is answered within a batch.
+    /// Marks the start of rendering, from which on a signal takes effect after the current batch.
     pub fn begin(&self) {
         self.rendering.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the first signal has come.
+    /// True if a signal has arrived.
     pub fn requested(&self) -> bool {
         self.requested.load(Ordering::Relaxed)
     }

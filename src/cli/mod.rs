@@ -1,8 +1,14 @@
-//! The command line: `render`, `view`, `compare`, `bench`, `plan`, `stress`, `scenes`.
+//! Command line: `render`, `view`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
-//! Exit codes: 0 done; 1 a threshold of `compare` is exceeded, or a case of `stress` is wrong; 2 an error, printed once on stderr as
-//! `error: ...`; 130 `render` was interrupted.
-//! Results go to stdout or to the files asked for; warnings, progress and the closing line go to stderr.
+//! Results go to stdout or to the requested files; warnings, notes, progress and the closing line go to
+//! stderr.
+//!
+//! | exit code | meaning |
+//! |---|---|
+//! | 0 | The command succeeded. |
+//! | 1 | A threshold of `compare` is exceeded, or a case of `stress` is wrong. |
+//! | 2 | An error occurred. It is printed once on stderr as `error: ...`. |
+//! | 130 | `render` was interrupted and has written its picture. |
 
 mod bench;
 mod compare;
@@ -13,26 +19,24 @@ mod stress;
 mod view;
 mod window;
 
-use std::fmt::Display;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-use serde::Serialize;
 
 use lightsheaf::gpu::{Gpu, GpuError};
-use lightsheaf::path_plan::PathPlan;
-use lightsheaf::plan::FramePlan;
-use lightsheaf::scene::{self, Geometry, SceneStats};
-use lightsheaf::settings::{Method, Settings};
+use lightsheaf::scene;
+use lightsheaf::scene::load::{FORMATS, Format};
+use lightsheaf::settings::{Method, Settings, Technique, Visibility};
 use lightsheaf::stress::messages::Listener;
 
 use view::{View, ViewArgs};
 
 /// Global illumination by rasterization alone
 ///
-/// Raster bidirectional path tracing on any GPU, with or without ray tracing, and a CPU path tracer that judges it.
+/// Bidirectional path tracing by rasterization on any GPU, with or without ray tracing hardware. A CPU path
+/// tracer serves as the reference.
 #[derive(Parser)]
 #[command(version, after_help = EXIT_CODES)]
 struct Cli {
@@ -40,24 +44,25 @@ struct Cli {
     command: Command,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 a threshold is exceeded or a case of stress is wrong, 2 an error, 130 render was \
-                          interrupted (Ctrl-C or SIGTERM) and has written what it had; a second signal ends it at once.";
+const EXIT_CODES: &str = "Exit codes: 0 success; 1 a threshold of compare is exceeded, or a case of stress is wrong; 2 error; 130 \
+                          render was interrupted (Ctrl-C or SIGTERM) and has written its picture. A second signal ends the \
+                          program at once.";
 
 #[derive(Subcommand)]
 enum Command {
-    /// Render a scene to an image
+    /// Render a scene to an image file
     Render(Box<render::RenderArgs>),
-    /// Look at a scene in a window while it is rendered
+    /// Show a scene in a window while it is rendered
     View(Box<window::WindowArgs>),
-    /// Say how far an image is from a reference, on linear RGB
+    /// Print the error of an image against a reference, in linear RGB
     Compare(compare::CompareArgs),
-    /// Take error against run time, and write a report
+    /// Measure error against run time, method by method, and write a report
     Bench(Box<bench::BenchArgs>),
-    /// Print what a render would do, pass by pass with the reason, without rendering
+    /// Print what a render would do on this device, pass by pass with the reason. Nothing is rendered
     Plan(Box<PlanArgs>),
-    /// Render odd scenes, sizes and values, and say which come out wrong on this device
+    /// Render extreme scenes, sizes and values, and print which of them this device renders incorrectly
     Stress(stress::StressArgs),
-    /// List the scenes that need no file, and the kinds of files that are read
+    /// List the built-in scenes and the file formats that are read
     Scenes,
 }
 
@@ -65,25 +70,26 @@ enum Command {
 struct PlanArgs {
     #[command(flatten)]
     view: ViewArgs,
-    /// Print JSON
+    /// Print the plan as JSON
     #[arg(long)]
     json: bool,
 }
 
 /// Parses the arguments and runs the command.
 pub fn run() -> ExitCode {
-    // Errors are printed here and once; RUST_LOG shows what the libraries say beside them.
+    // Errors are printed once, below. RUST_LOG enables the log messages of the libraries.
     let logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).build();
-    // Validation layers speak in warnings and errors, which `stress` listens to.
+    // Validation layers log warnings and errors, which `stress` records.
     let level = logger.filter().max(log::LevelFilter::Warn);
     if log::set_boxed_logger(Box::new(Listener(logger))).is_ok() {
         log::set_max_level(level);
     }
     let parsed = Cli::command().try_get_matches().and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, matches)));
+    let parsed = parsed.and_then(|(cli, matches)| check_twin(&matches).map(|()| (cli, matches)));
     let (cli, matches) = match parsed {
         Ok(parsed) => parsed,
         Err(e) => {
-            // Nothing is left to do where the terminal is gone.
+            // If the terminal is closed, the message is lost and only the exit code remains.
             let _ = e.print();
             return ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(2));
         }
@@ -109,7 +115,19 @@ pub fn run() -> ExitCode {
     })
 }
 
-/// Ends a render by its error and by time where the command line names no end.
+/// Rejects `--method twin` with another visibility than ray queries.
+fn check_twin(matches: &ArgMatches) -> Result<(), clap::Error> {
+    let Some((_, matches)) = matches.subcommand() else { return Ok(()) };
+    let method = matches.try_get_raw("method").ok().flatten().and_then(|mut words| words.next());
+    let visibility = matches.try_get_one::<Visibility>("visibility").ok().flatten();
+    if method.is_some_and(|method| method == "twin") && visibility.is_some_and(|v| *v != Visibility::RayQuery) {
+        let text = "--method twin is --method shared --visibility ray-query; leave one of them out\n";
+        return Err(clap::Error::raw(clap::error::ErrorKind::ArgumentConflict, text));
+    }
+    Ok(())
+}
+
+/// Sets the default target error and budget if the command line names no end of the render.
 fn end_by_default(settings: &mut Settings, matches: &ArgMatches) {
     let of_command = matches.subcommand().map(|(_, matches)| matches);
     let samples = of_command.and_then(|matches| matches.value_source("samples")) == Some(ValueSource::CommandLine);
@@ -118,39 +136,32 @@ fn end_by_default(settings: &mut Settings, matches: &ArgMatches) {
     }
 }
 
-/// A device with what a method needs.
-fn open(method: Method) -> Result<Gpu, GpuError> {
-    if method.traces_rays() { Gpu::with_ray_queries() } else { Gpu::new() }
+/// Opens a device with the features that a method needs.
+fn open(technique: Technique) -> Result<Gpu, GpuError> {
+    if technique.needs_ray_queries() { Gpu::with_ray_queries() } else { Gpu::new() }
 }
 
+/// Runs `plan`.
 fn plan(args: &PlanArgs) -> Result<()> {
-    let method = args.view.settings.method;
-    if method == Method::Reference {
-        bail!("--method {method}: it does the same for every scene, and has no plan");
+    if args.view.settings.method() == Method::Reference {
+        bail!("--method reference: the reference has no plan, since it does the same for every scene");
     }
     let View { scene, settings, animations } = args.view.load()?;
-    let gpu = open(method)?;
-    let stats = SceneStats::new(&scene, &Geometry::new(&scene));
-    if !method.shares_subpaths() {
-        return args.print(&PathPlan::new(&scene, &stats, &settings, &gpu.capabilities), &animations);
+    let (text, json) = lightsheaf::render::plan(&open(settings.technique)?, &scene, &settings)?;
+    if args.json {
+        return output::print(&serde_json::to_string_pretty(&json)?);
     }
-    args.print(&FramePlan::new(&stats, &settings, &gpu.capabilities), &animations)
+    let all = if animations.is_empty() { "none".to_owned() } else { animations.join(", ") };
+    output::print(&format!("{text}\n{:<21}  {all}", "animations"))
 }
 
-impl PlanArgs {
-    fn print(&self, plan: &(impl Display + Serialize), animations: &[String]) -> Result<()> {
-        if self.json {
-            return output::print(&serde_json::to_string_pretty(plan)?);
-        }
-        let all = if animations.is_empty() { "none".to_owned() } else { animations.join(", ") };
-        output::print(&format!("{plan}\nanimations     {all}"))
-    }
-}
-
+/// Runs `scenes`.
 fn scenes() -> Result<()> {
     let mut lines: Vec<_> =
         scene::builtin::names().map(|(name, about)| format!("{:<28}{about}", format!("builtin:{name}"))).collect();
-    lines.push(format!("{:<28}{}", "PATH.gltf, PATH.glb", "glTF 2.0, data embedded or in files beside it"));
-    lines.push(format!("{:<28}{}", "PATH.xml", "Mitsuba 0.5, 0.6, 2 and 3"));
+    for Format { endings, about, .. } in &FORMATS {
+        let paths: Vec<_> = endings.iter().map(|ending| format!("PATH.{ending}")).collect();
+        lines.push(format!("{:<28}{about}", paths.join(", ")));
+    }
     output::print(&lines.join("\n"))
 }

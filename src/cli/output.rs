@@ -1,4 +1,4 @@
-//! Files and lines that a command writes: checked before the work, whole or not at all.
+//! Output of commands. Files are checked before the work begins, and are written completely or not at all.
 
 use std::ffi::OsString;
 use std::io::{self, Write as _};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 
-/// Prints to stdout. A reader that has read enough is no error.
+/// Prints to stdout. A closed pipe is not an error.
 pub fn print(text: &str) -> Result<()> {
     match writeln!(io::stdout(), "{text}") {
         Err(e) if e.kind() != io::ErrorKind::BrokenPipe => Err(e).context("stdout cannot be written"),
@@ -14,16 +14,16 @@ pub fn print(text: &str) -> Result<()> {
     }
 }
 
-/// Checks that a file of one of these kinds can be written there, leaving what is there as it is.
+/// Checks that a file with one of the extensions can be written. An existing file is left unchanged.
 pub fn check(path: &Path, extensions: &[&str]) -> Result<()> {
     let shown = path.display();
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if !extensions.contains(&extension.as_str()) {
         let endings: Vec<_> = extensions.iter().map(|e| format!(".{e}")).collect();
-        bail!("{shown}: unknown kind of output; end the name in {}", endings.join(" or "));
+        bail!("{shown}: unknown file format; the name has to end in {}", endings.join(" or "));
     }
     if path.is_dir() {
-        bail!("{shown}: is a folder; name a file in it");
+        bail!("{shown}: is a folder; give the name of a file");
     }
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -37,7 +37,7 @@ pub fn check(path: &Path, extensions: &[&str]) -> Result<()> {
     std::fs::remove_file(&part).with_context(|| format!("{} cannot be removed", part.display()))
 }
 
-/// Writes a text file under another name first, so that it is never there in part.
+/// Writes a text file under a temporary name and renames it, so that it is never incomplete.
 pub fn write(path: &Path, text: &str) -> Result<()> {
     let part = part_of(path);
     std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path)).or_else(|e| {
@@ -46,6 +46,7 @@ pub fn write(path: &Path, text: &str) -> Result<()> {
     })
 }
 
+/// Returns the temporary name of a file that is being written.
 fn part_of(path: &Path) -> PathBuf {
     let mut name = OsString::from(".");
     name.push(path.file_name().unwrap_or_default());

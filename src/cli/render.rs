@@ -1,4 +1,4 @@
-//! `render`: a scene to an image, for a number of samples or for a time.
+//! Command `render`: renders a scene to image files until a number of samples, an error or a time is reached.
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use lightsheaf::convergence::Convergence;
 use lightsheaf::film::Film;
 use lightsheaf::gpu::{Gpu, PassTime};
-use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
-use lightsheaf::renderer::{BatchSize, Progressive, RenderError, RenderStats, Renderer};
+use lightsheaf::render::convergence::Convergence;
+use lightsheaf::render::renderer::{BatchSize, ViewRequests};
+use lightsheaf::render::{self, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
@@ -23,47 +23,55 @@ use super::interrupt::{self, Interrupt};
 use super::output;
 use super::view::{self, ANIMATION, GradeArgs, View, ViewArgs};
 
-/// Most samples between two looks at the clock.
+/// Most samples between two checks of the budget.
 const ROUND: u64 = 8;
 
 #[derive(clap::Args)]
 pub struct RenderArgs {
     #[command(flatten)]
     pub view: ViewArgs,
-    /// The image: .exr (linear 32-bit float) or .png (8-bit sRGB by --exposure and --tonemap); may be given once for each
+    /// Image file: .exr (linear 32-bit float) or .png (8-bit sRGB after --exposure and --tonemap). May be
+    /// given once for each format
     #[arg(short, long, value_name = "OUT.exr|.png", required = true)]
     output: Vec<PathBuf>,
     #[command(flatten)]
     grade: GradeArgs,
-    /// Write what each strategy (s, t) gives, with its weight by MIS (sS_tT.exr; their sum is the image) and without
-    /// (sS_tT_unweighted.exr), into this folder; needs a number of bounces; the reference has none
+    /// Write the contribution of each strategy (s, t) to this folder: weighted by MIS (sS_tT.exr; their sum
+    /// is the image) and unweighted (sS_tT_unweighted.exr). Needs a limited number of bounces. Not available
+    /// with reference
     #[arg(long, value_name = "DIR")]
     strategy_images: Option<PathBuf>,
-    /// Write counts, times, settings and the plan as JSON
+    /// Write statistics as JSON: counts, times, settings and the plan
     #[arg(long, value_name = "OUT.json")]
     stats: Option<PathBuf>,
-    /// After each pass, count values that are not finite, and say which pass was the first; slower; the reference has no passes
+    /// Count values that are not finite after each pass, and name the first pass that wrote any. Slower. Not
+    /// available with reference
     #[arg(long)]
     check_values: bool,
-    /// Render frames A to B, B included, at --fps, each into a file of its own: OUT.exr becomes OUT_0000.exr and so on, and so does
-    /// the file of --stats
+    /// Write the linked WGSL of every pass to this folder, for debugging shaders. Not available with
+    /// reference
+    #[arg(long, value_name = "DIR")]
+    dump_shaders: Option<PathBuf>,
+    /// Render frames A to B, including B, at --fps, each to a separate file: OUT.exr becomes OUT_0000.exr and
+    /// so on, as does the file of --stats
     #[arg(long, value_name = "A..B", value_parser = parse_frames, requires = "fps", conflicts_with_all = ["at", "strategy_images"], help_heading = ANIMATION)]
     frames: Option<(u32, u32)>,
-    /// Frames a second; frame N is at N / FPS seconds
+    /// Frames per second, 0.001 to 10000. Frame N is at N / FPS seconds
     #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "frames", help_heading = ANIMATION)]
     fps: Option<f64>,
-    /// Neither progress nor closing line; warnings and errors stay
+    /// Print neither progress nor the closing line. Warnings and errors are still printed
     #[arg(short, long)]
     quiet: bool,
 }
 
 impl RenderArgs {
+    /// True if an output file is a .png.
     fn writes_png(&self) -> bool {
         self.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
     }
 }
 
-/// Why a picture has no more samples.
+/// Reason for the end of a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Ending {
@@ -73,46 +81,49 @@ enum Ending {
     Interrupt,
 }
 
-/// The file that `--stats` writes.
+/// Contents of the file of `--stats`.
 #[derive(serde::Serialize)]
 struct Stats<'a> {
     version: &'static str,
     scene: &'a str,
     device: String,
-    method: Method,
+    method: String,
     size: [u32; 2],
-    /// Samples in the picture: with a budget, as many as there was time for.
+    /// Number of samples in the picture.
     samples: u64,
-    /// Of a .png: what it was brightened by, by `--exposure auto` too, and its tone curve.
+    /// Exposure of a .png in stops, also if it was chosen by `--exposure auto`.
     exposure_stops: Option<f32>,
+    /// Tone curve of a .png.
     tonemap: Option<Tonemap>,
     ended_by: Ending,
-    /// With `--target-error`, also by default: the picture's estimated rel_mse.
+    /// Estimated rel_mse of the picture, with `--target-error` and by default.
     estimated_error: Option<f64>,
-    /// With `--target-error`: share of all pixels' samples that was taken; settled tiles take no more.
+    /// With `--target-error`: share of the samples of all pixels that was taken. Converged tiles take no more
+    /// samples.
     taken: Option<f64>,
     seconds: Seconds,
-    /// With --frames, since the first one.
+    /// Device time and number of runs of each pass; with `--frames`, in all frames so far.
     passes: BTreeMap<&'static str, PassTime>,
-    /// Bytes on the device beside the scene.
+    /// Bytes on the device without the scene.
     bytes: u64,
     scene_bytes: u64,
     non_finite: u64,
-    /// With `--check-values`: what passes left, in the order in which they first ran.
+    /// With `--check-values`: number of non-finite values after each pass, in the order of first execution.
     non_finite_after: Vec<(&'static str, u64)>,
     lost_nodes: u64,
-    /// Iterations that were redone with more room.
+    /// Number of iterations that were repeated with a larger list capacity.
     redone: u64,
-    demands: Vec<Demand>,
-    /// Rays that the reference traced.
+    /// Largest list requests of each view.
+    requests: Vec<ViewRequests>,
+    /// Number of rays that the reference traced.
     rays: u64,
     plan: Option<serde_json::Value>,
-    /// Where the picture is one of several, its time in seconds.
+    /// Frame, with `--frames`.
     frame: Option<Frame>,
-    /// What the file has: index, name, length.
+    /// Index, name and length of each animation of the file.
     animations: &'a [String],
     warnings: &'a [String],
-    /// What was added to the scene.
+    /// Notes about camera and light that were added to the scene.
     notes: &'a [String],
     settings: &'a Settings,
 }
@@ -120,29 +131,21 @@ struct Stats<'a> {
 #[derive(Clone, Copy, Default, serde::Serialize)]
 struct Seconds {
     load: f64,
-    /// Device, upload and pipelines; the hierarchy of the reference.
+    /// Time for opening the device, uploading the scene and compiling pipelines; of the reference, for
+    /// building the BVH.
     setup: f64,
     render: f64,
 }
 
-/// A picture of several.
+/// Frame of an animation.
 #[derive(Clone, Copy, serde::Serialize)]
 struct Frame {
     number: u32,
-    /// Since the beginning of the animation.
+    /// Time since the beginning of the animation in seconds.
     seconds: f64,
 }
 
-/// The most that a view wanted in an iteration.
-#[derive(serde::Serialize)]
-struct Demand {
-    view: String,
-    resolution: u32,
-    items: u32,
-    nodes: u32,
-}
-
-/// Renders and writes what was asked for.
+/// Renders the scene and writes the requested files.
 pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     let interrupt = Interrupt::install(args.quiet)?;
     render(args, &interrupt)?;
@@ -150,7 +153,6 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
 }
 
 fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
-    let method = args.view.settings.method;
     check_outputs(args)?;
     let (grade, frames) = (OnceCell::new(), frames(args)?);
     let began = Instant::now();
@@ -158,25 +160,26 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         let View { scene, mut settings, animations } = args.view.load()?;
         if let Some(folder) = &args.strategy_images {
             check_strategy_images(folder, &settings)?;
-            // They add up to the picture, which a filter would change.
+            // Weighted strategy images sum to the unfiltered picture.
             settings.interleave.get_or_insert(1);
         }
         let load = began.elapsed().as_secs_f64();
         let began = Instant::now();
-        let gpu = open(method, args.check_values)?;
+        let gpu = open(args)?;
         let (scene, settings, animations) = (&scene, &settings, &animations);
         let job = Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: None, all: 1 };
         return job.run(gpu.as_ref(), &mut None);
     }
     let (loaded, mut settings) = args.view.open()?;
     let animations = view::animations(&loaded);
-    // What the first frame lacks is said before a device is opened; the setup of that frame is the device's, too.
+    // The first frame is loaded before the device is opened, so that its warnings come first. The setup time
+    // of the first frame includes that of the device.
     let first = args.view.complete(args.view.at("--frames", &loaded, frames[0].seconds)?, &mut settings)?;
     view::warn(&first);
     let mut load = began.elapsed().as_secs_f64();
     let mut began = Instant::now();
-    let gpu = open(method, args.check_values)?;
-    let (mut engine, mut scene, all) = (None, first, frames.len());
+    let gpu = open(args)?;
+    let (mut renderer, mut scene, all) = (None, first, frames.len());
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
             break;
@@ -190,21 +193,25 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         let (scene, settings, animations) = (&scene, &settings, &animations);
         let job =
             Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: Some(frame), all };
-        job.run(gpu.as_ref(), &mut engine)?;
+        job.run(gpu.as_ref(), &mut renderer)?;
     }
     Ok(())
 }
 
-/// The device of a method; the reference needs none.
-fn open(method: Method, check_values: bool) -> Result<Option<Gpu>> {
-    let gpu = (method != Method::Reference).then(|| super::open(method)).transpose()?;
-    if let Some(gpu) = &gpu {
-        gpu.non_finite.watch(gpu, check_values);
+/// Opens the device of a method; the reference needs none.
+fn open(args: &RenderArgs) -> Result<Option<Gpu>> {
+    if args.view.settings.method() == Method::Reference {
+        return Ok(None);
     }
-    Ok(gpu)
+    let gpu = super::open(args.view.settings.technique)?;
+    gpu.non_finite.watch(&gpu, args.check_values);
+    if let Some(folder) = &args.dump_shaders {
+        gpu.dump_shaders(folder).with_context(|| format!("--dump-shaders {}", folder.display()))?;
+    }
+    Ok(Some(gpu))
 }
 
-/// The frames to render; none where a single picture is asked for.
+/// Returns the frames to render; empty without `--frames`.
 fn frames(args: &RenderArgs) -> Result<Vec<Frame>> {
     let (Some((first, last)), Some(fps)) = (args.frames, args.fps) else { return Ok(Vec::new()) };
     if !(1e-3..=1e4).contains(&fps) {
@@ -213,25 +220,20 @@ fn frames(args: &RenderArgs) -> Result<Vec<Frame>> {
     Ok((first..=last).map(|number| Frame { number, seconds: f64::from(number) / fps }).collect())
 }
 
+/// Parses `A..B`, or a single frame.
 fn parse_frames(text: &str) -> Result<(u32, u32), &'static str> {
     let (first, last) = text.split_once("..").unwrap_or((text, text));
     let frames = first.parse().ok().zip(last.parse().ok()).filter(|(first, last)| first <= last && *last < 1_000_000);
     frames.ok_or("frames are two numbers below a million, the later one second, such as 0..47")
 }
 
-/// What renders, kept from frame to frame.
-enum Engine<'gpu> {
-    Raster(Box<Renderer<'gpu>>),
-    Paths(Box<PathRenderer<'gpu>>),
-}
-
-/// Everything about the output that can be wrong before there is one.
+/// Checks the options of the output before anything is loaded.
 fn check_outputs(args: &RenderArgs) -> Result<()> {
     for path in &args.output {
         output::check(path, &["exr", "png"])?;
     }
-    if args.check_values && args.view.settings.method == Method::Reference {
-        bail!("--check-values: the reference has no passes; use any other method");
+    if args.check_values && args.view.settings.method() == Method::Reference {
+        bail!("--check-values: the reference has no passes; use another method");
     }
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
@@ -239,105 +241,72 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     let GradeArgs { exposure, tonemap } = &args.grade;
     for (option, given) in [("--exposure", exposure.is_some()), ("--tonemap", tonemap.is_some())] {
         if given && !args.writes_png() {
-            bail!("{option}: {} keeps linear radiance; write a .png, or leave it out", args.output[0].display());
+            bail!("{option}: {} holds linear radiance; write a .png, or omit the option", args.output[0].display());
         }
     }
     Ok(())
 }
 
-/// Makes the folder where there is none.
+/// Checks that strategy images are available, and creates their folder.
 fn check_strategy_images(folder: &Path, settings: &Settings) -> Result<()> {
-    if settings.method == Method::Reference {
-        bail!("--strategy-images: the reference has none; use any other method");
+    if settings.method() == Method::Reference {
+        bail!("--strategy-images: the reference has none; use another method");
     }
     if settings.bounces == UNLIMITED {
-        bail!(
-            "--strategy-images: as many strategies as unlimited bounces have cannot be written; give --bounces a number"
-        );
+        bail!("--strategy-images: unlimited bounces have an unlimited number of strategies; give --bounces a number");
     }
     std::fs::create_dir_all(folder).with_context(|| format!("--strategy-images {}", folder.display()))
 }
 
+/// Render of a single picture.
 struct Job<'a> {
     args: &'a RenderArgs,
     interrupt: &'a Interrupt,
-    /// How .png files are written, once the first picture has said its exposure: with --frames, the others keep it.
+    /// Exposure and tone curve of .png files. With `--frames` all frames use the exposure of the first one.
     grade: &'a OnceCell<Grade>,
+    /// Seconds that loading took.
     load: f64,
-    /// When its setup did.
+    /// Start of the setup.
     began: Instant,
     scene: &'a Scene,
     settings: &'a Settings,
     animations: &'a [String],
-    /// Which picture of `all` it is.
+    /// Frame of the animation, with `--frames`.
     frame: Option<Frame>,
+    /// Number of frames.
     all: usize,
 }
 
 impl Job<'_> {
-    /// Renders and writes; without a device, by the reference.
-    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, engine: &mut Option<Engine<'gpu>>) -> Result<()> {
+    /// Renders and writes the picture; without a device, by the reference. `renderer` is reused from frame to
+    /// frame.
+    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderer: &mut Option<Box<dyn Renderer + 'gpu>>) -> Result<()> {
         let Some(gpu) = gpu else { return self.reference() };
-        match engine {
-            Some(Engine::Raster(renderer)) => renderer.pose(self.scene)?,
-            Some(Engine::Paths(renderer)) => renderer.pose(self.scene)?,
-            None if self.settings.method.shares_subpaths() => {
-                *engine = Some(Engine::Raster(Box::new(Renderer::new(gpu, self.scene, self.settings)?)));
+        let renderer = match renderer {
+            Some(renderer) => {
+                renderer.pose(self.scene)?;
+                renderer
             }
-            None => *engine = Some(Engine::Paths(Box::new(PathRenderer::new(gpu, self.scene, self.settings)?))),
-        }
-        match engine {
-            Some(Engine::Raster(renderer)) => self.raster(gpu, renderer),
-            Some(Engine::Paths(renderer)) => self.paths(gpu, renderer),
-            None => Ok(()),
-        }
-    }
-
-    fn raster(&self, gpu: &Gpu, renderer: &mut Renderer) -> Result<()> {
-        let (film, stats) = self.progressive(Some(gpu), renderer)?;
-        let plan = renderer.plan();
-        let wanted = renderer.stats().demands;
-        let demands = wanted.iter().zip(plan.views()).enumerate();
-        let stats = Stats {
-            demands: demands
-                .map(|(i, (&[items, nodes], texels))| Demand {
-                    view: plan.view_name(i),
-                    resolution: texels.resolution,
-                    items,
-                    nodes,
-                })
-                .collect(),
-            plan: Some(serde_json::to_value(plan)?),
-            ..stats
+            None => renderer.insert(render::open(gpu, self.scene, self.settings)?),
         };
+        let (film, stats) = self.progressive(Some(gpu), renderer.as_mut())?;
+        let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
+        let stats = Stats { requests, plan, ..stats };
         let samples = stats.samples;
         self.finish(&film, stats)?;
         self.strategy_images(&mut |only| {
-            let settings = Settings { only: Some(only), ..self.settings.clone() };
-            let mut renderer = Renderer::new(gpu, self.scene, &settings)?;
+            renderer.set_only(Some(only))?;
             renderer.render(samples, &mut |_| !self.interrupt.requested())?;
             renderer.film()
         })
     }
 
-    fn paths(&self, gpu: &Gpu, renderer: &mut PathRenderer) -> Result<()> {
-        let (film, stats) = self.progressive(Some(gpu), renderer)?;
-        let stats = Stats { plan: Some(serde_json::to_value(renderer.plan())?), ..stats };
-        let samples = stats.samples;
-        self.finish(&film, stats)?;
-        self.strategy_images(&mut |only| {
-            renderer.count_only(Some(only));
-            renderer.render(samples, &mut |_| !self.interrupt.requested())?;
-            renderer.film()
-        })
-    }
-
-    /// Writes the image of each strategy that the method has, with as many samples as the picture; none after
-    /// a signal.
+    /// Writes the image of each strategy of the method, with as many samples as the picture. A signal ends
+    /// the series.
     fn strategy_images(&self, render: &mut dyn FnMut(OnlyStrategy) -> Result<Film, RenderError>) -> Result<()> {
         let Some(folder) = &self.args.strategy_images else { return Ok(()) };
         let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
-        let all: Vec<_> = all.filter(|only| self.settings.method.has_strategy(only.s, only.t)).collect();
+        let all: Vec<_> = all.filter(|only| self.settings.technique.has_strategy(only.s, only.t)).collect();
         let bar = self.bar(all.len() as u64);
         for only in all {
             if self.interrupt.requested() {
@@ -354,80 +323,32 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Renders as many samples as asked for, as the budget allows or as the error takes, or until a signal
-    /// comes.
-    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Progressive) -> Result<(Film, Stats<'_>), RenderError> {
+    /// Renders until the number of samples, the target error or the end of the budget is reached, or until a
+    /// signal.
+    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>), RenderError> {
         let setup = self.began.elapsed().as_secs_f64();
         self.interrupt.begin();
-        let Settings { width, height, target_error, budget, .. } = *self.settings;
-        let began = Instant::now();
-        let bar = self.bar(self.settings.samples.into());
-        let settles = renderer.settles() && self.args.strategy_images.is_none();
-        let clock = budget.map(Clock::new);
-        let end = match (target_error, &clock) {
-            (None, None) => self.settings.samples.into(),
-            _ => (*SAMPLES.end()).into(),
-        };
-        let mut convergence = target_error.map(|target| (target, Convergence::new(width, height)));
-        // A picture that is filtered frame by frame goes on from the one before.
-        let first = renderer.stats().samples;
-        let (mut samples, mut taken) = (0, 0);
-        let mut scale = None;
+        let mut progress = ProgressiveRender::new(self, renderer);
         let (film, ended_by) = loop {
-            let goal = convergence.as_ref().map_or(end, |(_, convergence)| convergence.next_look().min(end));
-            let mut ended = None;
-            while samples < goal && ended.is_none() {
-                let most = goal - samples;
-                let round = clock.as_ref().map_or(Some(most), |clock| clock.next_round(samples, most.min(ROUND)));
-                let Some(round) = round else {
-                    ended = Some(Ending::Budget);
-                    break;
-                };
-                let before = samples;
-                renderer.render(round, &mut |all| {
-                    samples = all - first;
-                    self.show_samples(&bar, samples, began);
-                    !self.interrupt.requested()
-                })?;
-                let pixels = convergence.as_ref().map_or(0, |(_, convergence)| convergence.tiles().running_pixels());
-                taken += (samples - before) * pixels;
-                if samples < end && self.interrupt.requested() {
-                    ended = Some(Ending::Interrupt);
-                }
-            }
-            let film = renderer.film()?;
-            let mut found = (samples >= end).then_some(Ending::Samples).or(ended);
-            if let Some((target, convergence)) = &mut convergence {
-                let scale = *scale.get_or_insert_with(|| self.looked_at(&film));
-                let bias = renderer.bias_films()?.map(|films| films.scaled(scale));
-                let error = convergence.look(samples, &film.scaled(scale), bias.as_ref());
-                if error.is_some_and(|error| error <= *target) {
-                    found = found.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
-                }
-                if let (true, None) = (settles, found) {
-                    convergence.settle(*target);
-                    renderer.settle(convergence.tiles().settled())?;
-                }
-                if let Some(error) = error {
-                    bar.set_message(format!("{error:.2e}"));
-                }
-            }
-            if let Some(ending) = found {
+            let ended = progress.render_to_checkpoint()?;
+            let film = progress.renderer.film()?;
+            if let Some(ending) = progress.ending(&film, ended)? {
                 break (film, ending);
             }
         };
         let non_finite_after = gpu.map_or(Ok(Vec::new()), |gpu| gpu.non_finite.counts(gpu))?;
-        bar.finish_and_clear();
-        let render = began.elapsed().as_secs_f64();
-        let all = samples * u64::from(width) * u64::from(height);
-        let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } = renderer.stats();
+        progress.bar.finish_and_clear();
+        let render = progress.began.elapsed().as_secs_f64();
+        let all = progress.samples * u64::from(self.settings.width) * u64::from(self.settings.height);
+        let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } =
+            progress.renderer.stats();
         let cpu = || format!("CPU, {} threads", rayon::current_num_threads());
         let stats = Stats {
             device: gpu.map_or_else(cpu, |gpu| gpu.capabilities.adapter.clone()),
             samples,
             ended_by,
-            estimated_error: convergence.as_ref().and_then(|(_, convergence)| convergence.error()),
-            taken: convergence.map(|_| taken as f64 / all.max(1) as f64),
+            estimated_error: progress.convergence.as_ref().and_then(|(_, convergence)| convergence.error()),
+            taken: progress.convergence.as_ref().map(|_| progress.taken as f64 / all.max(1) as f64),
             seconds: Seconds { load: self.load, setup, render },
             bytes,
             scene_bytes,
@@ -441,14 +362,16 @@ impl Job<'_> {
         Ok((film, stats))
     }
 
-    /// The factor at which errors are estimated. Where nobody asked for one, dark pictures are brightened as for the display first: the
-    /// 0.01 in rel_mse hides the noise of a picture whose radiances are far below 0.1.
-    fn looked_at(&self, film: &Film) -> f32 {
+    /// Returns the factor by which radiance is multiplied before its error is estimated. By default dark
+    /// pictures are brightened as for the display, since the 0.01 in rel_mse hides the noise of radiances far
+    /// below 0.1.
+    fn error_scale(&self, film: &Film) -> f32 {
         let Settings { target_error, budget, .. } = *self.settings;
         let by_default = (target_error, budget) == (Some(DEFAULT_TARGET_ERROR), Some(DEFAULT_BUDGET));
         if by_default { auto_exposure(film).max(0.0).exp2() } else { 1.0 }
     }
 
+    /// Shows the progress: time with a budget alone, otherwise the number of samples.
     fn show_samples(&self, bar: &ProgressBar, samples: u64, began: Instant) {
         if self.settings.budget.is_some() && self.settings.target_error.is_none() {
             bar.set_position(began.elapsed().as_millis() as u64);
@@ -458,6 +381,7 @@ impl Job<'_> {
         }
     }
 
+    /// Renders by the reference and writes the picture.
     fn reference(&self) -> Result<()> {
         let Settings { width, height, samples, seed, camera, .. } = *self.settings;
         let bounces = Some(self.settings.bounces).filter(|&b| b != UNLIMITED);
@@ -469,12 +393,13 @@ impl Job<'_> {
         self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats })
     }
 
+    /// Returns the statistics that are known before the render.
     fn empty_stats(&self) -> Stats<'_> {
         Stats {
             version: env!("CARGO_PKG_VERSION"),
             scene: &self.scene.name,
             device: String::new(),
-            method: self.settings.method,
+            method: self.settings.technique.to_string(),
             size: [self.settings.width, self.settings.height],
             samples: 0,
             exposure_stops: None,
@@ -490,7 +415,7 @@ impl Job<'_> {
             non_finite_after: Vec::new(),
             lost_nodes: 0,
             redone: 0,
-            demands: Vec::new(),
+            requests: Vec::new(),
             rays: 0,
             plan: None,
             frame: self.frame,
@@ -501,7 +426,7 @@ impl Job<'_> {
         }
     }
 
-    /// A progress bar on a terminal, and nothing elsewhere.
+    /// Creates a progress bar, which is visible on a terminal only.
     fn bar(&self, total: u64) -> ProgressBar {
         if self.args.quiet {
             return ProgressBar::hidden();
@@ -521,7 +446,7 @@ impl Job<'_> {
         bar
     }
 
-    /// Why the picture has the samples that it has, for the closing line.
+    /// Describes the number of samples and the end of the render for the closing line.
     fn outcome(&self, stats: &Stats) -> String {
         let samples = format!("{} {}", stats.samples, if stats.samples == 1 { "sample" } else { "samples" });
         let reached = stats.estimated_error.map(|error| format!(" at an estimated rel_mse of {}", two_digits(error)));
@@ -540,6 +465,7 @@ impl Job<'_> {
         }
     }
 
+    /// Writes the image files and the statistics, and prints the closing line.
     fn finish(&self, film: &Film, mut stats: Stats) -> Result<()> {
         if stats.non_finite > 0 {
             let first = stats.non_finite_after.iter().find(|(_, count)| *count > 0);
@@ -583,7 +509,100 @@ impl Job<'_> {
     }
 }
 
-/// A number with two digits that count: 0.0028.
+/// State of a progressive render.
+struct ProgressiveRender<'a> {
+    job: &'a Job<'a>,
+    renderer: &'a mut dyn Renderer,
+    bar: ProgressBar,
+    /// Start of the first sample.
+    began: Instant,
+    clock: Option<Clock>,
+    /// Number of samples at which the render ends at the latest.
+    end: u64,
+    /// Samples that the renderer had before: a filtered frame continues the previous one.
+    first: u64,
+    /// Samples of this picture.
+    samples: u64,
+    /// Samples of all pixels together, without those of converged tiles.
+    taken: u64,
+    /// Target and estimate of the error.
+    convergence: Option<(f64, Convergence)>,
+    /// Factor of the radiance in the estimate of the error, from the first picture.
+    error_scale: Option<f32>,
+    /// True if converged tiles take no more samples.
+    adaptive: bool,
+}
+
+impl<'a> ProgressiveRender<'a> {
+    fn new(job: &'a Job<'a>, renderer: &'a mut dyn Renderer) -> Self {
+        let Settings { width, height, samples, target_error, budget, .. } = *job.settings;
+        let limited = target_error.is_some() || budget.is_some();
+        Self {
+            began: Instant::now(),
+            bar: job.bar(samples.into()),
+            adaptive: renderer.is_adaptive() && job.args.strategy_images.is_none(),
+            clock: budget.map(Clock::new),
+            end: u64::from(if limited { *SAMPLES.end() } else { samples }),
+            convergence: target_error.map(|target| (target, Convergence::new(width, height))),
+            first: renderer.samples(),
+            samples: 0,
+            taken: 0,
+            error_scale: None,
+            job,
+            renderer,
+        }
+    }
+
+    /// Renders up to the next checkpoint of the error estimate, or to the end. Returns the reason if the
+    /// budget or a signal ends the render.
+    fn render_to_checkpoint(&mut self) -> Result<Option<Ending>, RenderError> {
+        let convergence = self.convergence.as_ref().map(|(_, convergence)| convergence);
+        let goal = convergence.map_or(self.end, |convergence| convergence.next_checkpoint().min(self.end));
+        while self.samples < goal {
+            let most = goal - self.samples;
+            let round = match &self.clock {
+                Some(clock) => clock.next_round(self.samples, most.min(ROUND)),
+                None => Some(most),
+            };
+            let Some(round) = round else { return Ok(Some(Ending::Budget)) };
+            let before = self.samples;
+            self.renderer.render(round, &mut |all| {
+                self.samples = all - self.first;
+                self.job.show_samples(&self.bar, self.samples, self.began);
+                !self.job.interrupt.requested()
+            })?;
+            let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
+            self.taken += (self.samples - before) * pixels;
+            if self.samples < self.end && self.job.interrupt.requested() {
+                return Ok(Some(Ending::Interrupt));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Updates the error estimate with the picture at a checkpoint and marks converged tiles. Returns the
+    /// reason if the render ends here; an interrupt has precedence over the target error.
+    fn ending(&mut self, film: &Film, ended: Option<Ending>) -> Result<Option<Ending>, RenderError> {
+        let mut ending = (self.samples >= self.end).then_some(Ending::Samples).or(ended);
+        let Some((target, convergence)) = &mut self.convergence else { return Ok(ending) };
+        let scale = *self.error_scale.get_or_insert_with(|| self.job.error_scale(film));
+        let bias = self.renderer.bias_films()?.map(|films| films.scaled(scale));
+        let error = convergence.update(self.samples, &film.scaled(scale), bias.as_ref());
+        if error.is_some_and(|error| error <= *target) {
+            ending = ending.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
+        }
+        if self.adaptive && ending.is_none() {
+            convergence.mark_converged(*target);
+            self.renderer.mark_converged(convergence.tiles().converged())?;
+        }
+        if let Some(error) = error {
+            self.bar.set_message(format!("{error:.2e}"));
+        }
+        Ok(ending)
+    }
+}
+
+/// Formats a number with two significant digits: 0.0028.
 fn two_digits(value: f64) -> String {
     if !value.is_finite() || value <= 0.0 {
         return value.to_string();
@@ -592,7 +611,7 @@ fn two_digits(value: f64) -> String {
     format!("{value:.places$}")
 }
 
-/// The file of a frame: `out.exr` becomes `out_0007.exr`.
+/// Returns the file name of a frame: `out.exr` becomes `out_0007.exr`.
 fn numbered(path: &Path, number: u32) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("_{number:04}."));
@@ -600,7 +619,7 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// The reference as what renders a picture bit by bit.
+/// Progressive renderer of the CPU reference.
 struct ReferenceRenderer<'s> {
     reference: Reference<'s>,
     settings: ReferenceSettings,
@@ -608,7 +627,7 @@ struct ReferenceRenderer<'s> {
     batch_size: BatchSize,
 }
 
-impl Progressive for ReferenceRenderer<'_> {
+impl Renderer for ReferenceRenderer<'_> {
     fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = u64::from(self.rounds.samples()) + samples;
         while u64::from(self.rounds.samples()) < end {
@@ -628,16 +647,20 @@ impl Progressive for ReferenceRenderer<'_> {
         self.rounds = Rounds::new(self.settings);
     }
 
-    fn settle(&mut self, _: &[bool]) -> Result<(), RenderError> {
-        Err(RenderError::Setting("the reference has no tiles that settle".to_owned()))
+    fn mark_converged(&mut self, _: &[bool]) -> Result<(), RenderError> {
+        Err(RenderError::Setting("the reference has no adaptive sampling".to_owned()))
     }
 
-    fn settles(&self) -> bool {
+    fn is_adaptive(&self) -> bool {
         false
     }
 
     fn film(&self) -> Result<Film, RenderError> {
         Ok(self.rounds.film())
+    }
+
+    fn samples(&self) -> u64 {
+        self.rounds.samples().into()
     }
 
     fn stats(&self) -> RenderStats {
@@ -646,7 +669,7 @@ impl Progressive for ReferenceRenderer<'_> {
     }
 }
 
-/// Deals out a budget.
+/// Divides a time budget into rounds of samples.
 struct Clock {
     began: Instant,
     budget: Duration,
@@ -657,16 +680,17 @@ impl Clock {
         Self { began: Instant::now(), budget: Duration::from_secs_f64(seconds) }
     }
 
-    /// Samples that fit into what is left at the rate so far, at most `most`; the first is free. None: the time is used.
+    /// Returns the number of samples that fit into the remaining time at the rate so far, at most `most`. The
+    /// first sample is always rendered. None if the time is used up.
     fn next_round(&self, done: u64, most: u64) -> Option<u64> {
-        let room = u64::from(*SAMPLES.end()).saturating_sub(done);
+        let capacity = u64::from(*SAMPLES.end()).saturating_sub(done);
         if done == 0 {
             return Some(1);
         }
         let used = self.began.elapsed();
         let left = self.budget.saturating_sub(used).as_secs_f64();
         let fit = (left * done as f64 / used.as_secs_f64().max(1e-9)) as u64;
-        Some(fit.min(most).min(room)).filter(|&round| round > 0)
+        Some(fit.min(most).min(capacity)).filter(|&round| round > 0)
     }
 }
 

@@ -1,4 +1,4 @@
-//! `stress`: the battery of odd scenes on this device.
+//! Command `stress`: renders extreme scenes on this device and checks the results.
 
 use std::process::ExitCode;
 
@@ -12,17 +12,17 @@ use super::output;
 
 #[derive(clap::Args)]
 pub struct StressArgs {
-    /// Only cases whose name contains this [default: all]
+    /// Run only cases whose name contains this text [default: all]
     case: Option<String>,
-    /// Each case by raster alone, without the long run: half a minute
+    /// Run each case with raster only and omit the long run. Takes half a minute
     #[arg(long)]
     short: bool,
-    /// Print JSON
+    /// Print the results as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the battery, prints the report, and answers 0 or, where anything was wrong, 1.
+/// Runs the cases and prints the report. Returns exit code 1 if any case is wrong.
 pub fn run(args: &StressArgs) -> Result<ExitCode> {
     let wanted = args.case.as_deref().unwrap_or_default();
     let cases: Vec<Case> = CASES.iter().filter(|case| case.name.contains(wanted)).copied().collect();
@@ -45,6 +45,7 @@ pub fn run(args: &StressArgs) -> Result<ExitCode> {
     Ok(verdict(&report))
 }
 
+/// Returns the exit code of a report.
 fn verdict(report: &Report) -> ExitCode {
     ExitCode::from(u8::from(report.failed > 0))
 }

@@ -1,70 +1,78 @@
-//! What `render`, `view` and `plan` share: which scene, seen from where, with which settings.
+//! Options of `render`, `view` and `plan`: scene, camera, environment, animation and settings.
+
+use std::borrow::Cow;
 
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
+use lightsheaf::render::adapt::{adapted, widened_lobes};
 use lightsheaf::scene::{EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, CameraChoice, Staging};
 use lightsheaf::tonemap::{Exposure, Tonemap};
 
-/// Scene, camera and settings.
+/// Arguments that select the scene, its camera and light, and the settings.
 #[derive(clap::Args)]
 pub struct ViewArgs {
-    /// A .gltf, .glb or Mitsuba .xml file, or builtin:NAME (see `lightsheaf scenes`)
+    /// Scene file or builtin:NAME; `lightsheaf scenes` lists both
     pub scene: String,
-    /// Columns and rows of the image [default: the camera's film size if the scene has one, otherwise 512x512]
+    /// Width and height of the image in pixels, 1 to 16384 each [default: the camera's film size if the scene
+    /// has one, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<(u32, u32)>,
     #[command(flatten)]
     pub settings: Settings,
-    /// A camera of the scene by its name or its index from 0, or `auto`: one that is chosen, as for scenes without a camera
-    /// [default: the first]
+    /// Camera of the scene, by its name or its index from 0. `auto` places a camera, as for scenes without
+    /// one [default: the first camera]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = CAMERA)]
     pub camera: Option<String>,
-    /// Stand here instead, in metres
+    /// Position of the camera in metres, +Y up
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "target", help_heading = CAMERA)]
     pub eye: Option<Vec3>,
-    /// Look here from --eye, with +Y up
+    /// Point that the camera at --eye looks at, in metres, +Y up
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "eye", help_heading = CAMERA)]
     pub target: Option<Vec3>,
-    /// Full angle of view along the image's shorter side [default: the camera's own]
+    /// Full angle of view along the image's shorter side in degrees, 0.01 to less than 180 [default: the
+    /// camera's own]
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = CAMERA)]
     pub fov: Option<f32>,
-    /// Render the scene as an animation has it at this time; before its first and after its last key it stands still [default: the
-    /// scene as it rests]
+    /// Time of the animation in seconds, 0 to 1000000. Before the first and after the last key the scene
+    /// stands still [default: the rest pose]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, help_heading = ANIMATION)]
     pub at: Option<f64>,
-    /// An animation of the scene by its name or its index from 0, for --at and --frames [default: the first]
+    /// Animation for --at and --frames, by its name or its index from 0 [default: the first]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = ANIMATION)]
     pub animation: Option<String>,
-    /// An equirectangular image (.hdr, .exr) in place of the scene's environment; sky:ELEVATION[,TURBIDITY]: a clear sky with
-    /// the sun at that many degrees above the horizon of +Z, and turbidity 1 to 10 [default: 3], over a grey ground; studio: soft
-    /// light from three sides; or none [default: studio, or sky and sun, where the scene has no light that shows it]
+    /// Environment in place of the scene's own: an equirectangular image (.hdr, .exr);
+    /// sky:ELEVATION[,TURBIDITY], a clear sky over grey ground with the sun in the direction of +Z, ELEVATION
+    /// in degrees above the horizon, TURBIDITY 1 to 10, default 3; studio, soft light from three sides; or
+    /// none [default: if the scene has no sufficient light, studio, or sky and sun]
     #[arg(long, value_name = "FILE", allow_hyphen_values = true, help_heading = ENVIRONMENT)]
     pub env: Option<String>,
-    /// Multiply the environment's radiance, whether it is the scene's own or --env, and a sky's sun with it
+    /// Factor of the environment's radiance, 0 to 1000000, for the scene's own or that of --env, including a
+    /// sky's sun
     #[arg(long, value_name = "FACTOR", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
     pub env_scale: Option<f32>,
-    /// Turn the environment about +Y, counter-clockwise as seen from above, and a sky's sun with it
+    /// Rotation of the environment about +Y in degrees, -360 to 360, counter-clockwise seen from above,
+    /// including a sky's sun
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
     pub env_rotate: Option<f32>,
 }
 
-/// How a picture is shown: the options that `render` and `view` share.
+/// Display options of `render` and `view`.
 #[derive(clap::Args)]
 pub struct GradeArgs {
-    /// Brighten the .png and the window by this many stops (values times 2^STOPS), or by `auto`: the log-average luminance
-    /// becomes middle grey, 0.18 [default: auto]
+    /// Exposure of the .png and the window in stops, -32 to 32: values are multiplied by 2^STOPS. `auto` maps
+    /// the log-average luminance to middle grey, 0.18 [default: auto]
     #[arg(long, value_name = "auto|STOPS", allow_negative_numbers = true)]
     pub exposure: Option<Exposure>,
-    /// Bring values above 1 to the display; a .exr stays linear [default: agx]
+    /// Tone curve of the .png and the window. An .exr stays linear [default: agx]
     #[arg(long, value_name = "CURVE")]
     pub tonemap: Option<Tonemap>,
 }
 
 impl GradeArgs {
-    /// What is chosen.
+    /// Returns the exposure and the tone curve, or their defaults.
     pub fn chosen(&self) -> (Exposure, Tonemap) {
         (self.exposure.unwrap_or_default(), self.tonemap.unwrap_or_default())
     }
@@ -74,16 +82,16 @@ const CAMERA: &str = "Camera";
 pub const ANIMATION: &str = "Animation";
 const ENVIRONMENT: &str = "Environment";
 
-/// What is rendered.
+/// Loaded scene with its completed settings.
 pub struct View {
     pub scene: Scene,
     pub settings: Settings,
-    /// Index, name and length of each animation that the file has.
+    /// Index, name and length of each animation of the file.
     pub animations: Vec<String>,
 }
 
 impl ViewArgs {
-    /// Loads the scene, poses and completes it, says its warnings, and completes the settings from it.
+    /// Loads, poses and completes the scene, prints its warnings, and completes the settings.
     pub fn load(&self) -> Result<View> {
         let (mut scene, mut settings) = self.open()?;
         let animations = animations(&scene);
@@ -97,30 +105,31 @@ impl ViewArgs {
         Ok(View { scene, settings, animations })
     }
 
-    /// Loads the scene as it rests, and checks the settings.
+    /// Checks the settings and loads the scene in its rest pose.
     pub fn open(&self) -> Result<(Scene, Settings)> {
         let mut settings = self.settings.clone();
         if let Some(size) = self.size {
             (settings.width, settings.height) = size;
         }
-        // Before a large scene is loaded for nothing.
+        // The check comes first, since loading a large scene takes long.
         settings.check()?;
         let staging = self.staging([settings.width, settings.height])?;
         Ok((staging::load(&self.scene, &staging)?, settings))
     }
 
-    /// What is asked for in place of the scene's camera and light, for an image of a size.
+    /// Returns the camera and environment that the arguments request in place of the scene's, for an image
+    /// size.
     pub fn staging(&self, size: [u32; 2]) -> Result<Staging> {
         let camera = match self.camera.as_deref() {
             None => CameraChoice::First,
             Some("auto") => CameraChoice::Auto,
             Some(name) => CameraChoice::Named(name.to_owned()),
         };
-        let stand = self.eye.zip(self.target).map(|(eye, target)| [eye, target]);
-        Ok(Staging { environment: self.environment()?, camera, stand, size })
+        let eye_and_target = self.eye.zip(self.target).map(|(eye, target)| [eye, target]);
+        Ok(Staging { environment: self.environment()?, camera, eye_and_target, size })
     }
 
-    /// The scene in the chosen animation at a time that `option` gave, in seconds.
+    /// Poses the scene by the selected animation at a time in seconds. Errors name `option`.
     pub fn at(&self, option: &str, scene: &Scene, seconds: f64) -> Result<Scene> {
         if !(0.0..=1e6).contains(&seconds) {
             bail!("{option}: {seconds} s has to be 0 to 1000000 s");
@@ -128,22 +137,23 @@ impl ViewArgs {
         Ok(scene.at(self.pick_animation(option, scene)?, seconds as f32)?)
     }
 
-    /// Leaves out what the method cannot follow, places the camera, and completes the settings from the scene.
+    /// Places the camera, completes the settings from the scene, and adapts the scene to them.
     pub fn complete(&self, mut scene: Scene, settings: &mut Settings) -> Result<Scene> {
-        if settings.method.shares_subpaths() {
-            scene = scene.without_glass();
-        }
         settings.camera = self.pick_camera(&scene)?;
         self.place_camera(&mut scene, settings.camera)?;
         if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
             (settings.width, settings.height) = size;
         }
         settings.check()?;
+        if let Cow::Owned(adapted) = adapted(&scene, settings)? {
+            scene = adapted;
+        }
+        scene.warnings.extend(widened_lobes(&scene, settings));
         scene.viewpoint = Some(Viewpoint { camera: settings.camera, size: [settings.width, settings.height] });
         Ok(scene)
     }
 
-    /// What is asked for in place of the scene's environment.
+    /// Returns the change of the environment that the arguments request.
     fn environment(&self) -> Result<EnvironmentChange> {
         if let Some(scale) = self.env_scale.filter(|s| !(0.0..=1e6).contains(s)) {
             bail!("--env-scale {scale}: has to be 0 to 1000000");
@@ -158,6 +168,7 @@ impl ViewArgs {
         })
     }
 
+    /// Returns the index of the selected camera.
     fn pick_camera(&self, scene: &Scene) -> Result<usize> {
         let staging = self.staging([1, 1])?;
         staging.camera.index(&scene.cameras).ok_or_else(|| {
@@ -167,6 +178,7 @@ impl ViewArgs {
         })
     }
 
+    /// Returns the index of the selected animation. Errors name `option`.
     fn pick_animation(&self, option: &str, scene: &Scene) -> Result<usize> {
         let Some(rig) = &scene.rig else {
             match &self.animation {
@@ -182,11 +194,12 @@ impl ViewArgs {
         })
     }
 
+    /// Applies `--eye`, `--target` and `--fov` to a camera.
     fn place_camera(&self, scene: &mut Scene, index: usize) -> Result<()> {
         let camera = &mut scene.cameras[index];
         if let (Some(eye), Some(target)) = (self.eye, self.target) {
             let Some(moved) = camera.clone().looking(eye, target) else {
-                bail!("--eye {eye} --target {target}: there has to be some distance between them");
+                bail!("--eye {eye} --target {target}: the distance between them has to be greater than 0");
             };
             *camera = moved;
         }
@@ -196,22 +209,17 @@ impl ViewArgs {
             }
             camera.projection = Projection::Perspective { fov: degrees.to_radians(), axis: FovAxis::Smaller };
         }
-        let Settings { aperture, focus, .. } = self.settings;
-        *camera = camera.clone().with_lens(aperture, focus).map_err(|cause| {
-            let option = if aperture.is_some() { "--aperture" } else { "--focus" };
-            anyhow!("{option}: {cause}")
-        })?;
         Ok(())
     }
 }
 
-/// Index, name and length of each animation that a scene has.
+/// Lists index, name and length of each animation of a scene.
 pub fn animations(scene: &Scene) -> Vec<String> {
     let all = scene.rig.iter().flat_map(|rig| &rig.animations).enumerate();
     all.map(|(i, a)| format!("{i} `{}` ({:.2} s)", a.name, a.seconds())).collect()
 }
 
-/// Says what a scene is not rendered as it should be, and what was added to it.
+/// Prints a scene's warnings (unsupported content) and notes (added camera and light).
 pub fn warn(scene: &Scene) {
     for warning in &scene.warnings {
         eprintln!("warning: {warning}");
@@ -221,11 +229,13 @@ pub fn warn(scene: &Scene) {
     }
 }
 
+/// Parses `640x360`.
 pub fn parse_size(text: &str) -> Result<(u32, u32), &'static str> {
     let size = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     size.ok_or("a size is columns x rows, such as 640x360")
 }
 
+/// Parses `X,Y,Z`.
 fn parse_point(text: &str) -> Result<Vec3, &'static str> {
     let numbers: Option<Vec<f32>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|n: &f32| n.is_finite())).collect();

@@ -1,4 +1,4 @@
-//! `view`: a scene in a window.
+//! Command `view`: shows a scene in a window.
 
 use anyhow::Result;
 
@@ -12,13 +12,14 @@ pub struct WindowArgs {
     grade: GradeArgs,
 }
 
+/// Opens the window and shows the scene until it is closed.
 #[cfg(feature = "viewer")]
 pub fn run(WindowArgs { view: args, grade }: &WindowArgs) -> Result<()> {
-    use lightsheaf::viewer::stand::Stand;
+    use lightsheaf::viewer::orbit_camera::OrbitCamera;
     use lightsheaf::viewer::state::Launch;
     use lightsheaf::viewer::window;
 
-    /// Pixels of a window whose size nobody asked for.
+    /// Default size of the window in pixels.
     const SIZE: (u32, u32) = (1280, 720);
 
     args.settings.check()?;
@@ -27,7 +28,7 @@ pub fn run(WindowArgs { view: args, grade }: &WindowArgs) -> Result<()> {
         spec: args.scene.clone(),
         staging: args.staging(args.size.unwrap_or(SIZE).into())?,
         settings: args.settings.clone(),
-        stand: args.eye.zip(args.target).map(|(eye, target)| Stand { eye, target }),
+        orbit_camera: args.eye.zip(args.target).map(|(eye, target)| OrbitCamera { eye, target }),
         fov: args.fov,
         animation: args.animation.clone(),
         at: args.at.map(|seconds| seconds as f32),
@@ -38,7 +39,8 @@ pub fn run(WindowArgs { view: args, grade }: &WindowArgs) -> Result<()> {
     Ok(window::run(launch, [width, height])?)
 }
 
+/// Fails, since the viewer is not compiled in.
 #[cfg(not(feature = "viewer"))]
 pub fn run(_: &WindowArgs) -> Result<()> {
-    anyhow::bail!("this program was built without its viewer: build it with `cargo build --features viewer`")
+    anyhow::bail!("this program was built without the viewer; build it with `cargo build --features viewer`")
 }

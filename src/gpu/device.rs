@@ -1,25 +1,25 @@
-//! The adapter, the device, and what they can do.
+//! The adapter, the device and their capabilities.
 
 use std::sync::{Arc, Mutex};
 
 use super::pass::Pipelines;
 use super::{Ledger, NonFinite, Timings};
 
-/// Why no device could be had, or what it said.
+/// Errors of opening a device, and of the device itself.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
-    /// No adapter, with what to install.
+    /// No adapter was found; the message names the driver to install.
     #[error(
         "no Vulkan, Metal or Direct3D 12 device was found: {0}; run scripts/setup.sh, which installs Mesa's software driver, \
          or use --method reference"
     )]
     NoAdapter(String),
     /// The adapter refused a device.
-    #[error("the adapter {adapter} gave no device: {cause}")]
+    #[error("the adapter {adapter} refuses a device: {cause}")]
     NoDevice {
-        /// Its name.
+        /// The adapter's name.
         adapter: String,
-        /// What it said.
+        /// The driver's message.
         cause: String,
     },
     /// The adapter has no ray queries.
@@ -27,9 +27,9 @@ pub enum GpuError {
         "the adapter {adapter} has no ray queries (the feature {feature} is missing); use --method raster, which needs none"
     )]
     NoRayQueries {
-        /// Its name and driver.
+        /// The adapter's name and driver.
         adapter: String,
-        /// What it lacks, as wgpu calls it.
+        /// The missing feature by wgpu's name.
         feature: String,
     },
     /// A validation, memory or driver error during work.
@@ -37,33 +37,33 @@ pub enum GpuError {
     Device(String),
 }
 
-/// What ray-query methods need of an adapter.
+/// The adapter features that ray-query methods need.
 const RAY_QUERIES: wgpu::Features = wgpu::Features::EXPERIMENTAL_RAY_QUERY;
 
-/// wgpu's consent to an interface that is not yet final.
+/// Returns the token by which wgpu enables an interface that is not yet final.
 #[expect(
     unsafe_code,
-    reason = "wgpu offers ray queries only to those who sign that its own code may still be unsound; ours adds nothing to it"
+    reason = "wgpu enables ray queries only through this unsafe call, since its own code for them may be unsound"
 )]
 fn ray_query_token() -> wgpu::ExperimentalFeatures {
-    // SAFETY: the contract asks for knowledge of this and for reports of errors found.
+    // SAFETY: the contract only requires that the caller knows this and reports errors.
     unsafe { wgpu::ExperimentalFeatures::enabled() }
 }
 
-/// What the adapter offers beyond what every adapter has.
+/// Optional features and limits of the adapter.
 #[derive(Clone, Debug)]
 pub struct Capabilities {
     /// Adapter name and driver.
     pub adapter: String,
-    /// Whether it is a software driver.
+    /// True if the driver runs on the CPU.
     pub software: bool,
-    /// Whether passes can be timed.
+    /// True if passes can be timed.
     pub timestamps: bool,
-    /// Whether the device was opened with ray queries.
+    /// True if the device was opened with ray queries.
     pub ray_queries: bool,
     /// Largest storage buffer that can be bound whole, in bytes.
     pub max_storage_bytes: u64,
-    /// Largest side of a 2-D texture in texels.
+    /// Largest side of a 2-D texture, in texels.
     pub max_texture_side: u32,
     /// Most layers of a texture array.
     pub max_texture_layers: u32,
@@ -71,41 +71,42 @@ pub struct Capabilities {
 
 /// A device with its queue.
 pub struct Gpu {
-    /// Creates things.
+    /// The device, which creates resources.
     pub device: wgpu::Device,
-    /// Runs things.
+    /// The queue, which runs commands.
     pub queue: wgpu::Queue,
-    /// What it can do.
+    /// Features and limits of the adapter.
     pub capabilities: Capabilities,
-    /// Time per pass.
+    /// Device time per pass.
     pub timings: Timings,
-    /// What the device was asked for.
+    /// Counts of all requests to the device.
     pub ledger: Ledger,
-    /// Where values that are not finite come from.
+    /// Counts of values that are not finite, by pass.
     pub non_finite: NonFinite,
     pub(super) pipelines: Pipelines,
     first_error: Arc<Mutex<Option<String>>>,
 }
 
 impl Gpu {
-    /// Opens the best adapter (environment variables of wgpu choose another: WGPU_BACKEND, WGPU_ADAPTER_NAME), asking for no
-    /// ray-tracing feature.
+    /// Opens the best adapter, without ray queries. The environment variables WGPU_BACKEND and
+    /// WGPU_ADAPTER_NAME choose another one.
     ///
     /// # Errors
-    /// [`GpuError::NoAdapter`] or [`GpuError::NoDevice`].
+    /// [`GpuError::NoAdapter`] if there is no adapter, [`GpuError::NoDevice`] if it refuses a device.
     pub fn new() -> Result<Self, GpuError> {
         Self::open(false, false)
     }
 
-    /// The same, with ray queries.
+    /// Opens the best adapter with ray queries.
     ///
     /// # Errors
-    /// [`GpuError::NoRayQueries`] where the adapter has none; otherwise as [`Self::new`].
+    /// [`GpuError::NoRayQueries`] if the adapter has none; otherwise as [`Self::new`].
     pub fn with_ray_queries() -> Result<Self, GpuError> {
         Self::open(true, false)
     }
 
-    /// Either of the two, with the driver's validation layers where they are installed; what they say is logged by `wgpu_hal`.
+    /// Opens the best adapter with the driver's validation layers, if these are installed. `wgpu_hal` logs
+    /// their messages.
     ///
     /// # Errors
     /// As [`Self::new`] or [`Self::with_ray_queries`].
@@ -152,7 +153,7 @@ impl Gpu {
         let first_error = Arc::new(Mutex::new(None));
         let sink = Arc::clone(&first_error);
         device.set_device_lost_callback(move |reason, message| {
-            // Whatever else it reports comes from this.
+            // A lost device causes all later errors, so this one replaces them.
             if let Ok(mut first) = sink.lock() {
                 *first = Some(format!("it was lost ({reason:?}): {message}"));
             }
@@ -187,10 +188,10 @@ impl Gpu {
         })
     }
 
-    /// The first error that the device reported since it was opened, if any.
+    /// Checks that the device has reported no error since it was opened.
     ///
     /// # Errors
-    /// [`GpuError::Device`].
+    /// [`GpuError::Device`] with the first error.
     pub fn check(&self) -> Result<(), GpuError> {
         match self.first_error.lock().ok().and_then(|e| e.clone()) {
             Some(message) => Err(GpuError::Device(message)),
@@ -198,19 +199,20 @@ impl Gpu {
         }
     }
 
-    /// A buffer, entered in the ledger.
+    /// Creates a buffer and counts it in the ledger.
     #[must_use]
     pub fn buffer(&self, descriptor: &wgpu::BufferDescriptor) -> wgpu::Buffer {
         self.ledger.buffer(&self.device, descriptor)
     }
 
-    /// A texture, entered in the ledger.
+    /// Creates a texture and counts it in the ledger.
     #[must_use]
     pub fn texture(&self, descriptor: &wgpu::TextureDescriptor) -> wgpu::Texture {
         self.ledger.texture(&self.device, descriptor)
     }
 
-    /// The lower level of an acceleration structure, entered in the ledger. The device must have ray queries.
+    /// Creates a bottom-level acceleration structure and counts it in the ledger. The device must have ray
+    /// queries.
     #[must_use]
     pub fn blas(
         &self,
@@ -221,15 +223,17 @@ impl Gpu {
         self.device.create_blas(descriptor, sizes)
     }
 
-    /// The upper level of an acceleration structure, entered in the ledger. The device must have ray queries.
+    /// Creates a top-level acceleration structure and counts it in the ledger. The device must have ray
+    /// queries.
     #[must_use]
     pub fn tlas(&self, descriptor: &wgpu::CreateTlasDescriptor) -> wgpu::Tlas {
         self.ledger.acceleration_structure(descriptor.label);
         self.device.create_tlas(descriptor)
     }
 
-    /// A buffer that shaders read and write, zeroed; at least 16 bytes. What all threads read alike
-    /// they bind as a uniform: software Vulkan gathers from storage thread by thread.
+    /// Creates a zeroed storage buffer of at least 16 bytes, which may also be bound as a uniform. Data that
+    /// all threads read alike is bound as a uniform, since software Vulkan gathers from storage buffers
+    /// thread by thread.
     #[must_use]
     pub fn storage(&self, label: &str, bytes: u64) -> wgpu::Buffer {
         self.buffer(&wgpu::BufferDescriptor {
@@ -243,7 +247,7 @@ impl Gpu {
         })
     }
 
-    /// A storage buffer with contents.
+    /// Creates a storage buffer with the given contents.
     #[must_use]
     pub fn upload<T: bytemuck::NoUninit>(&self, label: &str, data: &[T]) -> wgpu::Buffer {
         let bytes: &[u8] = bytemuck::cast_slice(data);
@@ -252,7 +256,8 @@ impl Gpu {
         buffer
     }
 
-    /// A buffer with contents that acceleration structures can be built from. The device must have ray queries.
+    /// Creates a buffer with the given contents that acceleration structures can be built from. The device
+    /// must have ray queries.
     #[must_use]
     pub fn upload_for_building<T: bytemuck::NoUninit>(
         &self,
@@ -271,7 +276,7 @@ impl Gpu {
         buffer
     }
 
-    /// What a raster pass draws into: a 2-D texture of one level.
+    /// Creates a render target: a 2-D texture of one mip level.
     #[must_use]
     pub fn target(
         &self,
@@ -293,7 +298,7 @@ impl Gpu {
         .create_view(&Default::default())
     }
 
-    /// A uniform buffer for a `T`.
+    /// Creates a uniform buffer for a `T`.
     #[must_use]
     pub fn uniform<T: bytemuck::NoUninit>(&self, label: &str) -> wgpu::Buffer {
         self.buffer(&wgpu::BufferDescriptor {

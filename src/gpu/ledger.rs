@@ -1,29 +1,29 @@
-//! What wgpu was really asked for: pipelines, buffers, textures and acceleration structures by label, draws and dispatches by
-//! pass.
+//! Counts all requests to wgpu: pipelines, buffers, textures and acceleration structures by label, draws and
+//! dispatches by pass.
 //!
-//! Every request of ours to wgpu goes through here, so that a test can hold a plan against the device's own account of it, and a
-//! regression guard can count work where clocks are not to be trusted.
+//! Every request of this program to wgpu passes through the ledger. Tests compare a plan with it, and
+//! regression tests count work instead of measuring time.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
-/// Work that one pass recorded.
+/// Work that was recorded by one pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Recorded {
     /// Draws, direct and indirect.
     pub draws: u64,
     /// Dispatches.
     pub dispatches: u64,
-    /// Workgroups of these dispatches.
+    /// Workgroups of these dispatches together.
     pub workgroups: u64,
 }
 
-/// Memory that was asked for under one label.
+/// Memory that was allocated under one label.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Allocated {
     /// Buffers or textures.
     pub count: u64,
-    /// Their bytes together; textures count as many as their texels have.
+    /// Their bytes together; for textures the bytes of their texels.
     pub bytes: u64,
 }
 
@@ -34,26 +34,26 @@ impl Allocated {
     }
 }
 
-/// Everything asked for since the device was opened or [`Ledger::reset`]. What was freed again stays counted.
+/// All requests since the device was opened or since [`Ledger::reset`]. Freed resources stay counted.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counts {
-    /// Pipelines by label, with how often they were asked for; the device makes each once.
+    /// Number of requests for each pipeline by label; the device creates each pipeline once.
     pub pipelines: BTreeMap<String, u64>,
-    /// Functions of the shaders that these pipelines were made from, by label.
+    /// Functions of these pipelines' shaders, by label.
     #[serde(skip)]
     pub functions: BTreeMap<String, BTreeSet<String>>,
-    /// Passes by label.
+    /// Recorded work by label of the pass.
     pub passes: BTreeMap<String, Recorded>,
-    /// Buffers by label. Copies that the CPU reads are called `read back`.
+    /// Buffers by label. Staging buffers that the CPU reads are labelled `read back`.
     pub buffers: BTreeMap<String, Allocated>,
     /// Textures by label.
     pub textures: BTreeMap<String, Allocated>,
-    /// Acceleration structures by label, with how many were created; their size is the driver's secret.
+    /// Number of acceleration structures by label. Drivers do not report their size.
     pub acceleration_structures: BTreeMap<String, u64>,
 }
 
 impl Counts {
-    /// Draws, dispatches and workgroups of all passes.
+    /// Sums the draws, dispatches and workgroups of all passes.
     #[must_use]
     pub fn recorded(&self) -> Recorded {
         self.passes.values().fold(Recorded::default(), |sum, pass| Recorded {
@@ -63,7 +63,7 @@ impl Counts {
         })
     }
 
-    /// Bytes of all buffers and textures, but those that are made anew whenever the CPU reads something back.
+    /// Sums the bytes of all buffers and textures except staging buffers of read-back, which are temporary.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let lasting = self.buffers.iter().filter(|(label, _)| *label != super::readback::LABEL);
@@ -71,18 +71,18 @@ impl Counts {
     }
 }
 
-/// Keeps [`Counts`].
+/// The counts of a device, which several threads may update.
 #[derive(Default)]
 pub struct Ledger(Mutex<Counts>);
 
 impl Ledger {
-    /// What was asked for so far.
+    /// Returns the counts so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.0.lock().map(|counts| counts.clone()).unwrap_or_default()
     }
 
-    /// Forgets all of it.
+    /// Sets all counts to zero.
     pub fn reset(&self) {
         self.write(|counts| *counts = Counts::default());
     }

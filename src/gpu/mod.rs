@@ -1,7 +1,9 @@
-//! A thin layer over wgpu that knows nothing of light: device, linked shaders, pipelines whose bindings go by name, read-back,
-//! pass timings, a ledger of what wgpu was asked for, and a look-out for values that are not finite.
+//! A thin layer over wgpu, independent of light transport: device, shader linking, pipelines with bindings by
+//! name, read-back, pass timings, counts of all requests to wgpu, and detection of values that are not
+//! finite.
 
 mod device;
+mod flags;
 mod ledger;
 mod non_finite;
 mod pass;
@@ -10,9 +12,10 @@ mod shaders;
 mod timing;
 
 pub use device::{Capabilities, Gpu, GpuError};
+pub use flags::{Flag, flag_names};
 pub use ledger::{Allocated, Counts, Ledger, Recorded};
 pub use non_finite::NonFinite;
 pub use pass::{Bindings, Compute, Raster, RasterTargets, rows};
 pub use readback::read_back;
-pub use shaders::{Flags, link, module_names};
+pub use shaders::{Source, link, link_source, module_names};
 pub use timing::{PassTime, Timings};

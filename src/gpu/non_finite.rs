@@ -1,7 +1,8 @@
-//! Which pass made a value that is not finite: after each compute pass, what it wrote is looked through, while somebody watches.
+//! Finds the pass that wrote a value that is not finite: if enabled, a check scans the output of each compute
+//! pass.
 //!
-//! Which words are floats comes from the shader's own declarations, so that no pass has to do anything for it. Nobody watching:
-//! no pass, no pipeline, no buffer.
+//! The shader's declarations tell which words are floats, so passes need no code for the check. If it is
+//! disabled, it has no pass, no pipeline and no buffer.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -10,17 +11,17 @@ use wgpu::naga;
 
 use super::{Compute, Gpu, GpuError, read_back};
 
-/// Passes that can be told apart.
+/// Number of passes with a count of their own; further passes share the last one.
 const SLOTS: usize = 64;
 
-/// Words of an element at most, and of its mask.
+/// Most 32-bit words of an element, and the words of its bit mask.
 const MOST_WORDS: u32 = 256;
 const MASK_WORDS: usize = MOST_WORDS as usize / 32;
 
-/// Workgroups of a look at most; each goes on in steps.
+/// Most workgroups of a check; each scans elements in strides.
 const MOST_GROUPS: u64 = 4096;
 
-/// Which words of an element are floats.
+/// The words of an element that are floats.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Floats {
     words: u32,
@@ -28,7 +29,8 @@ pub(super) struct Floats {
 }
 
 impl Floats {
-    /// Of a storage variable's type; nothing where it has no floats, or elements of more than [`MOST_WORDS`].
+    /// Finds the floats of a storage variable's type. None if it has no floats, or elements of more than
+    /// [`MOST_WORDS`].
     pub(super) fn of(module: &naga::Module, variable: naga::Handle<naga::Type>) -> Option<Self> {
         let mut layouter = naga::proc::Layouter::default();
         layouter.update(module.to_ctx()).ok()?;
@@ -48,7 +50,7 @@ impl Floats {
     }
 }
 
-/// Collects the words of a type that are floats; it begins at the given word.
+/// Collects the words of a type that are floats; the type begins at word `at`.
 fn mark(module: &naga::Module, of: naga::Handle<naga::Type>, at: u32, found: &mut Vec<u32>) {
     let float = |scalar: naga::Scalar| scalar.kind == naga::ScalarKind::Float;
     match &module.types[of].inner {
@@ -68,13 +70,14 @@ fn mark(module: &naga::Module, of: naga::Handle<naga::Type>, at: u32, found: &mu
     }
 }
 
+/// The state of an enabled check.
 struct Watch {
     pass: Compute,
     counts: wgpu::Buffer,
     /// Labels by slot.
     labels: Vec<&'static str>,
-    /// What a look at a pass's binding is told.
-    looks: BTreeMap<(&'static str, String), wgpu::Buffer>,
+    /// Constants of the check of each binding, by label of the pass and by name of the binding.
+    constants: BTreeMap<(&'static str, String), wgpu::Buffer>,
 }
 
 /// Counts values that are not finite, by pass.
@@ -82,24 +85,26 @@ struct Watch {
 pub struct NonFinite(Mutex<Option<Watch>>);
 
 impl NonFinite {
-    /// Looks after every compute pass from here on, with counts at zero; or no longer, and forgets.
+    /// Enables the check of every compute pass from now on, with counts at zero, or disables it and drops the
+    /// counts.
     pub fn watch(&self, gpu: &Gpu, on: bool) {
         let watch = on.then(|| Watch {
-            pass: Compute::new(gpu, "non_finite", "non_finite", &[]),
+            pass: Compute::new(gpu, "gpu/non_finite", &[]),
             counts: gpu.storage("non_finite", 4 * SLOTS as u64),
             labels: Vec::new(),
-            looks: BTreeMap::new(),
+            constants: BTreeMap::new(),
         });
         if let Ok(mut state) = self.0.lock() {
             *state = watch;
         }
     }
 
-    /// Values that were not finite, by pass in the order in which they first ran: what a pass reads in vain it hands on, so the
-    /// first that shows any is where they come from. Empty while nobody watches.
+    /// Returns the number of values that were not finite by pass, in the order in which the passes first ran.
+    /// Passes propagate such values, so the first pass with a count above zero is their source. Empty if the
+    /// check is disabled.
     ///
     /// # Errors
-    /// [`GpuError::Device`].
+    /// [`GpuError::Device`] if the device fails.
     pub fn counts(&self, gpu: &Gpu) -> Result<Vec<(&'static str, u64)>, GpuError> {
         let watched =
             self.0.lock().ok().and_then(|state| Some((state.as_ref()?.counts.clone(), state.as_ref()?.labels.clone())));
@@ -108,8 +113,8 @@ impl NonFinite {
         Ok(labels.into_iter().zip(counts.into_iter().map(u64::from)).collect())
     }
 
-    /// Records looks at what a pass wrote.
-    pub(super) fn look(
+    /// Records the check of all buffers that a pass wrote.
+    pub(super) fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
@@ -129,16 +134,16 @@ impl NonFinite {
         for (name, floats) in written {
             let resource = bindings.iter().find(|(given, _)| given == name).map(|(_, resource)| resource);
             let Some(wgpu::BindingResource::Buffer(bound)) = resource else { continue };
-            // Shaders of one name may differ in what they hold.
+            // Shaders with one label may differ in the layout of a binding.
             let key = (label, format!("{name} {floats:?}"));
-            let look = watch.looks.entry(key).or_insert_with(|| {
+            let constants = watch.constants.entry(key).or_insert_with(|| {
                 let head = [floats.words, slot.min(SLOTS - 1) as u32];
-                gpu.upload("non_finite look", &[head.as_slice(), &floats.mask].concat())
+                gpu.upload("non_finite constants", &[head.as_slice(), &floats.mask].concat())
             });
             let words = bound.size.map_or(bound.buffer.size() - bound.offset, u64::from) / 4;
             let groups = words.div_ceil(64 * 16).clamp(1, MOST_GROUPS) as u32;
             let bindings = [
-                ("watch", look.as_entire_binding()),
+                ("watch", constants.as_entire_binding()),
                 ("words", wgpu::BindingResource::Buffer(bound.clone())),
                 ("non_finite", watch.counts.as_entire_binding()),
             ];
@@ -167,7 +172,7 @@ mod tests {
                 (f.words, (0..f.words).filter(|w| f.mask[*w as usize / 32] >> (w % 32) & 1 == 1).collect::<Vec<_>>())
             })
         };
-        // Inner takes 4 words, its vector begins at 2; the matrix has columns of 4 words.
+        // Inner takes 4 words, and its vector begins at word 2. The matrix has columns of 4 words.
         assert_eq!(of("outer"), Some((28, vec![0, 1, 2, 6, 7, 10, 11, 12, 13, 14, 16, 17, 18, 20, 21, 22, 24])));
         assert_eq!(of("one"), Some((4, vec![2, 3])));
         assert_eq!(of("pixels"), Some((4, vec![0, 1, 2, 3])));

@@ -1,42 +1,73 @@
-//! Pipelines built from a linked shader, with bindings by name.
+//! Pipelines that are built from a linked shader, with bindings by name.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use wgpu::naga;
 
 use super::non_finite::Floats;
-use super::{Flags, Gpu, link};
+use super::shaders::{self, Source};
+use super::{Flag, Gpu, flag_names};
 
-/// Resources by the name that the shader gives them. Names that a shader does not use are ignored.
+/// Resources by their names in the shader. Names that a shader does not declare are ignored.
 pub type Bindings<'a> = &'a [(&'a str, wgpu::BindingResource<'a>)];
 
-/// Where each name is bound: group, binding.
+/// Group and binding of each name.
 type Slots = BTreeMap<String, (u32, u32)>;
 
-/// Pipelines that the device has: who asks for one again, by shader, flags and targets, gets the same.
+/// Cache of pipelines by shader, flags and targets.
 #[derive(Default)]
 pub(super) struct Pipelines {
     compute: Mutex<HashMap<String, Compute>>,
     raster: Mutex<HashMap<String, Raster>>,
+    /// Folder that linked shaders are written to.
+    dump: Mutex<Option<PathBuf>>,
 }
 
-/// What is kept under a name, or what is made now; entered in the ledger either way.
-fn kept<T: Clone>(
+impl Gpu {
+    /// Writes the linked WGSL of every pipeline that is built from now on to a folder, which is created if
+    /// necessary: PASS.wgsl, or PASS.N.wgsl for further sets of flags. The first line names the shader and
+    /// its flags.
+    ///
+    /// # Errors
+    /// The error of the file system if the folder cannot be created.
+    pub fn dump_shaders(&self, folder: &Path) -> std::io::Result<()> {
+        std::fs::create_dir_all(folder)?;
+        if let Ok(mut dump) = self.pipelines.dump.lock() {
+            *dump = Some(folder.to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// Writes a linked shader, if a folder is set.
+fn dump(gpu: &Gpu, label: &str, shader: &Source, flags: &[Flag], wgsl: &str) {
+    let Some(folder) = gpu.pipelines.dump.lock().ok().and_then(|folder| folder.clone()) else { return };
+    let numbered = |n: usize| if n == 0 { format!("{label}.wgsl") } else { format!("{label}.{n}.wgsl") };
+    let Some(path) = (0..1000).map(|n| folder.join(numbered(n))).find(|path| !path.exists()) else { return };
+    let text = format!("// {} with {}\n{wgsl}", shader.name(), flag_names(flags));
+    if let Err(error) = std::fs::write(&path, text) {
+        log::warn!("{}: {error}", path.display());
+    }
+}
+
+/// Returns the cached pipeline, or builds and caches it. The ledger counts either request.
+fn cached<T: Clone>(
     gpu: &Gpu,
-    there: &Mutex<HashMap<String, T>>,
-    (label, shader, flags): (&str, &str, Flags),
+    cache: &Mutex<HashMap<String, T>>,
+    (label, shader, flags): (&str, &Source, &[Flag]),
     more: &str,
     functions: impl Fn(&T) -> Arc<BTreeSet<String>>,
     make: impl FnOnce() -> T,
 ) -> T {
     let flags: BTreeSet<_> = flags.iter().collect();
-    let key = format!("{label} {shader} {flags:?} {more}");
-    let found = there.lock().ok().and_then(|there| there.get(&key).cloned());
+    let key = format!("{label} {} {flags:?} {more}", shader.name());
+    let found = cache.lock().ok().and_then(|pipelines| pipelines.get(&key).cloned());
     let pipeline = found.unwrap_or_else(|| {
         let pipeline = make();
-        if let Ok(mut there) = there.lock() {
-            there.insert(key, pipeline.clone());
+        if let Ok(mut pipelines) = cache.lock() {
+            pipelines.insert(key, pipeline.clone());
         }
         pipeline
     });
@@ -44,11 +75,11 @@ fn kept<T: Clone>(
     pipeline
 }
 
-/// What naga knows of a shader of ours, and wgpu's module.
+/// A linked shader: wgpu's module, and naga's reflection of it.
 struct Linked {
     module: wgpu::ShaderModule,
     slots: Arc<Slots>,
-    /// What it may write that holds floats.
+    /// The storage variables that the shader may write and that hold floats.
     written: Arc<BTreeMap<String, Floats>>,
     functions: Arc<BTreeSet<String>>,
     workgroup: [u32; 3],
@@ -56,10 +87,13 @@ struct Linked {
 
 #[expect(
     clippy::panic,
-    reason = "a shader of ours that does not link or parse is a bug that tests catch, not a condition to handle"
+    reason = "a shader that does not link or parse is a bug that tests catch, not a condition to handle"
 )]
-fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
-    let source = link(name, flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
+/// Links, parses and compiles a shader.
+fn load(gpu: &Gpu, label: &str, shader: &Source, flags: &[Flag]) -> Linked {
+    let name = shader.name();
+    let source = shaders::link_source(shader, flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
+    dump(gpu, label, shader, flags, &source);
     let parsed =
         naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&source)));
     let slots: Slots = parsed
@@ -83,7 +117,8 @@ fn load(gpu: &Gpu, name: &str, flags: Flags) -> Linked {
     Linked { module, slots: slots.into(), written: written.into(), functions: functions.into(), workgroup }
 }
 
-#[expect(clippy::panic, reason = "a missing name is a bug in the pass that forgot it")]
+/// Creates the bind groups of a pipeline.
+#[expect(clippy::panic, reason = "a missing name is a bug of the pass that binds")]
 fn bind_groups(
     gpu: &Gpu,
     label: &str,
@@ -116,7 +151,13 @@ fn bind_groups(
         .collect()
 }
 
-/// So many threads as columns and rows of up to 2^16, for [`Compute::record`]: one dimension alone ends at 65535 workgroups.
+/// Returns the last component of a path.
+fn last_part(path: &'static str) -> &'static str {
+    path.rsplit('/').next().unwrap_or(path)
+}
+
+/// Arranges threads in rows of up to 2^16 for [`Compute::record`], since one dimension has at most 65535
+/// workgroups.
 #[must_use]
 pub fn rows(threads: u32) -> [u32; 2] {
     [threads.min(1 << 16), threads.div_ceil(1 << 16)]
@@ -134,15 +175,28 @@ pub struct Compute {
 }
 
 impl Compute {
-    /// Links `shader` and builds its one compute entry point; `label` names it in timings and debuggers.
+    /// Links a shader by its path below shaders/, without extension, and builds its compute entry point. The
+    /// last component of the path is its label in timings and debuggers.
     #[must_use]
-    pub fn new(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
-        let make = || Self::build(gpu, label, shader, flags);
-        kept(gpu, &gpu.pipelines.compute, (label, shader, flags), "", |p| Arc::clone(&p.functions), make)
+    pub fn new(gpu: &Gpu, shader: &'static str, flags: &[Flag]) -> Self {
+        Self::labelled(gpu, last_part(shader), shader, flags)
     }
 
-    fn build(gpu: &Gpu, label: &'static str, shader: &str, flags: Flags) -> Self {
-        let Linked { module, slots, written, functions, workgroup } = load(gpu, shader, flags);
+    /// As [`Self::new`] with a label of its own, for shaders that several passes use.
+    #[must_use]
+    pub fn labelled(gpu: &Gpu, label: &'static str, shader: &'static str, flags: &[Flag]) -> Self {
+        Self::from_source(gpu, label, &Source::Embedded(shader), flags)
+    }
+
+    /// As [`Self::labelled`] from any source, such as that of a test.
+    #[must_use]
+    pub fn from_source(gpu: &Gpu, label: &'static str, source: &Source, flags: &[Flag]) -> Self {
+        let make = || Self::build(gpu, label, source, flags);
+        cached(gpu, &gpu.pipelines.compute, (label, source, flags), "", |p| Arc::clone(&p.functions), make)
+    }
+
+    fn build(gpu: &Gpu, label: &'static str, shader: &Source, flags: &[Flag]) -> Self {
+        let Linked { module, slots, written, functions, workgroup } = load(gpu, label, shader, flags);
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -157,7 +211,8 @@ impl Compute {
         Self { label, pipeline, slots, written, functions, workgroup }
     }
 
-    /// Records one dispatch that covers `threads` (rounded up to whole workgroups; shaders check their bounds).
+    /// Records one dispatch of at least `threads`, rounded up to whole workgroups. Shaders check their
+    /// bounds.
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, threads: [u32; 2], bindings: Bindings) {
         let groups = bind_groups(gpu, self.label, &self.slots, |g| self.pipeline.get_bind_group_layout(g), bindings);
         let writes = gpu.timings.begin(self.label);
@@ -177,21 +232,21 @@ impl Compute {
         gpu.ledger.dispatch(self.label, workgroups);
         pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
         drop(pass);
-        gpu.non_finite.look(gpu, encoder, self.label, &self.written, bindings);
+        gpu.non_finite.record(gpu, encoder, self.label, &self.written, bindings);
     }
 }
 
-/// What a raster pass draws into.
+/// The targets of a raster pass.
 pub struct RasterTargets<'a> {
-    /// Cleared to all ones bits or zero as given, or neither written nor cleared where the pipeline has no colour.
+    /// Colour target, which is cleared to `clear`.
     pub color: &'a wgpu::TextureView,
-    /// Value that the colour target is cleared to.
+    /// Clear value of the colour target.
     pub clear: wgpu::Color,
-    /// Depth target, cleared to 0 (reversed depth).
+    /// Depth target, which is cleared to 0 (reversed depth).
     pub depth: Option<&'a wgpu::TextureView>,
 }
 
-/// A render pipeline of triangles without vertex buffers.
+/// A render pipeline that draws triangles without vertex buffers.
 #[derive(Clone)]
 pub struct Raster {
     label: &'static str,
@@ -201,31 +256,30 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// Links `shader` with entry points `vertex` and `fragment`. Where `writes_color` is false, the colour target only gives the
-    /// size. With `depth`, the test is reversed (greater passes).
+    /// Links a shader with a vertex and a fragment entry point, labelled as in [`Compute::new`]. With
+    /// `depth`, fragments of greater depth pass (reversed depth).
     #[must_use]
     pub fn new(
         gpu: &Gpu,
-        label: &'static str,
-        shader: &str,
-        flags: Flags,
+        shader: &'static str,
+        flags: &[Flag],
         color: wgpu::TextureFormat,
-        writes_color: bool,
         depth: Option<wgpu::TextureFormat>,
     ) -> Self {
-        let make = || Self::build(gpu, label, shader, flags, (color, writes_color, depth));
-        let targets = format!("{color:?} {writes_color} {depth:?}");
-        kept(gpu, &gpu.pipelines.raster, (label, shader, flags), &targets, |p| Arc::clone(&p.functions), make)
+        let (label, source) = (last_part(shader), Source::Embedded(shader));
+        let make = || Self::build(gpu, label, &source, flags, (color, depth));
+        let targets = format!("{color:?} {depth:?}");
+        cached(gpu, &gpu.pipelines.raster, (label, &source, flags), &targets, |p| Arc::clone(&p.functions), make)
     }
 
     fn build(
         gpu: &Gpu,
         label: &'static str,
-        shader: &str,
-        flags: Flags,
-        (color, writes_color, depth): (wgpu::TextureFormat, bool, Option<wgpu::TextureFormat>),
+        shader: &Source,
+        flags: &[Flag],
+        (color, depth): (wgpu::TextureFormat, Option<wgpu::TextureFormat>),
     ) -> Self {
-        let Linked { module, slots, functions, .. } = load(gpu, shader, flags);
+        let Linked { module, slots, functions, .. } = load(gpu, label, shader, flags);
         let pipeline = gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(label),
             layout: None,
@@ -251,7 +305,7 @@ impl Raster {
                 targets: &[Some(wgpu::ColorTargetState {
                     format: color,
                     blend: None,
-                    write_mask: if writes_color { wgpu::ColorWrites::ALL } else { wgpu::ColorWrites::empty() },
+                    write_mask: wgpu::ColorWrites::ALL,
                 })],
             }),
             multiview_mask: None,

@@ -1,14 +1,14 @@
-//! Bytes from a buffer of the device.
+//! Read-back of buffers from the device.
 
 use super::{Gpu, GpuError};
 
-/// What the ledger calls the copies.
+/// Label of staging buffers in the ledger.
 pub(super) const LABEL: &str = "read back";
 
-/// Copies the first `count` elements of a buffer back, waiting for all submitted work.
+/// Copies the first `count` elements of a buffer to the CPU, after waiting for all submitted work.
 ///
 /// # Errors
-/// [`GpuError::Device`] where the device was lost or refused.
+/// [`GpuError::Device`] if the device fails.
 pub fn read_back<T: bytemuck::Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
     let bytes = (count * size_of::<T>()) as u64;
     if bytes == 0 {

@@ -1,128 +1,106 @@
-//! Shaders: WESL modules embedded in the program, linked at run time by name and flags.
+//! Links WESL shader modules at run time, by name and flags.
+//!
+//! The modules are embedded in the program. A debug build reads them from the source tree instead, if there
+//! is one, so that a changed shader needs no compilation.
 
 use std::borrow::Cow;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
-/// Feature flags of a shader, such as `GLOSSY`; a flag that is not named is off.
-pub type Flags<'a> = &'a [&'a str];
+use include_dir::{Dir, include_dir};
 
-macro_rules! modules {
-    ($($name:literal),* $(,)?) => {
-        const MODULES: &[(&str, &str)] = &[$(($name, include_str!(concat!("../../shaders/", $name, ".wesl")))),*];
-    };
+use super::Flag;
+
+/// Extension of a module's file.
+const EXTENSION: &str = ".wesl";
+
+static EMBEDDED: Dir = include_dir!("$CARGO_MANIFEST_DIR/shaders");
+
+/// The main module of a pipeline.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    /// The path of a file below shaders/, without extension.
+    Embedded(&'a str),
+    /// A unique name, and a text that may import modules below shaders/.
+    Text(&'a str, &'a str),
 }
 
-modules!(
-    "lib/bsdf",
-    "lib/bundle",
-    "lib/camera",
-    "lib/choice",
-    "lib/control",
-    "lib/emission",
-    "lib/eye",
-    "lib/film",
-    "lib/first_hit",
-    "lib/footprint",
-    "lib/frame",
-    "lib/guide",
-    "lib/items",
-    "lib/light",
-    "lib/light_choice",
-    "lib/light_joint",
-    "lib/light_tree",
-    "lib/light_vertex",
-    "lib/lighting",
-    "lib/lights",
-    "lib/lists",
-    "lib/live",
-    "lib/mis",
-    "lib/mis_subpaths",
-    "lib/neighbours",
-    "lib/new_vertices",
-    "lib/path_vertex",
-    "lib/paths",
-    "lib/pattern",
-    "lib/pool_site",
-    "lib/pose",
-    "lib/radiance",
-    "lib/random",
-    "lib/refinement",
-    "lib/rsm",
-    "lib/sampling",
-    "lib/scatter",
-    "lib/scene",
-    "lib/seen",
-    "lib/sky",
-    "lib/strategy",
-    "lib/surface",
-    "lib/texture",
-    "lib/tiles",
-    "lib/view",
-    "visibility/raster",
-    "visibility/ray_query",
-    "visibility/twin",
-    "accumulate",
-    "antialias",
-    "compose",
-    "connect",
-    "controls",
-    "deform",
-    "depth_maps",
-    "displaced_normals",
-    "draws",
-    "extend",
-    "eye_paths",
-    "eye_vertices",
-    "filter",
-    "gbuffer",
-    "gradient",
-    "light_draws",
-    "light_gifts",
-    "light_paths",
-    "light_point",
-    "light_pool",
-    "light_reuse",
-    "light_subpath",
-    "list_lengths",
-    "mis_sums",
-    "non_finite",
-    "outliers",
-    "path_weights",
-    "queries",
-    "ray_queries",
-    "reservoirs",
-    "resolve",
-    "rsm",
-    "temporal",
-    "tessellate",
-    "twins",
-    "view_lists",
-    "view_setup",
-);
+impl Source<'_> {
+    /// Returns the module's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Embedded(name) | Self::Text(name, _) => name,
+        }
+    }
+}
 
-/// Names of all modules, passes and libraries alike.
+/// Returns the names and texts of all modules, sorted by name.
+fn modules() -> &'static [(String, Cow<'static, str>)] {
+    static MODULES: OnceLock<Vec<(String, Cow<'static, str>)>> = OnceLock::new();
+    MODULES.get_or_init(|| {
+        let mut modules = Vec::new();
+        collect(&EMBEDDED, &mut modules);
+        modules.sort();
+        modules
+    })
+}
+
+/// Adds the modules of a folder and of its subfolders.
+fn collect(folder: &Dir<'static>, modules: &mut Vec<(String, Cow<'static, str>)>) {
+    for file in folder.files() {
+        let path = file.path().to_string_lossy().replace('\\', "/");
+        if let (Some(name), Some(text)) = (path.strip_suffix(EXTENSION), file.contents_utf8()) {
+            let on_disk = source_tree().and_then(|root| std::fs::read_to_string(root.join(&path)).ok());
+            modules.push((name.to_owned(), on_disk.map_or(Cow::Borrowed(text), Cow::Owned)));
+        }
+    }
+    folder.dirs().for_each(|folder| collect(folder, modules));
+}
+
+/// Returns the folder of the shaders' sources in debug builds, if it exists.
+fn source_tree() -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
+    (cfg!(debug_assertions) && root.is_dir()).then_some(root)
+}
+
+/// Returns the names of all modules, passes and libraries alike.
 pub fn module_names() -> impl Iterator<Item = &'static str> {
-    MODULES.iter().map(|(name, _)| *name)
+    modules().iter().map(|(name, _)| name.as_str())
 }
 
-/// Links a module and all that it imports into WGSL, with the given flags on.
+/// Links a module and its imports into WGSL, with the given flags on.
 ///
 /// # Errors
-/// The linker's diagnostics. A shader of ours that fails to link is a bug; tests link every module with every set of flags.
-pub fn link(name: &str, flags: Flags) -> Result<String, String> {
+/// The linker's diagnostics if a module does not link. Tests link every module with every set of flags.
+pub fn link(name: &str, flags: &[Flag]) -> Result<String, String> {
+    link_source(&Source::Embedded(name), flags)
+}
+
+/// Links any source as [`link`] does.
+///
+/// # Errors
+/// As [`link`].
+pub fn link_source(source: &Source, flags: &[Flag]) -> Result<String, String> {
     let mut resolver = wesl::VirtualResolver::new();
     let path = |name: &str| -> Result<wesl::ModulePath, String> {
         format!("package::{}", name.replace('/', "::")).parse().map_err(|e| format!("{name}: {e:?}"))
     };
-    for (module, source) in MODULES {
-        resolver.add_module(path(module)?, Cow::Borrowed(*source));
+    for (module, text) in modules() {
+        resolver.add_module(path(module)?, Cow::Borrowed(text.as_ref()));
+    }
+    if let Source::Text(name, text) = source {
+        resolver.add_module(path(name)?, Cow::Borrowed(*text));
     }
     let mut compiler = wesl::Wesl::new("").set_custom_resolver(resolver);
-    // Names stay as written, so that bindings can go by name; a clash between modules is a redefinition, which naga refuses.
+    // Names stay unmangled, so that resources can be bound by name. A clash between modules is a
+    // redefinition, which naga rejects.
     compiler.set_mangler(wesl::ManglerKind::None);
     compiler.set_missing_feature_behavior(false);
     for flag in flags {
-        compiler.set_feature(flag, true);
+        compiler.set_feature(flag.name(), true);
     }
+    let name = source.name();
     let linked = compiler.compile(&path(name)?).map_err(|e| format!("{name}: {e}"))?;
     Ok(linked.to_string())
 }

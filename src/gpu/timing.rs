@@ -1,23 +1,23 @@
-//! Device time per pass, by timestamp queries; nothing where the adapter has none.
+//! Measures device time per pass with timestamp queries. Times stay zero if the adapter has none.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
 use super::{Gpu, GpuError, Ledger, read_back};
 
-/// Passes that can be timed between two collections.
+/// Most runs of passes that can be timed between two collections.
 const CAPACITY: u32 = 2048;
 
-/// Time and runs of one pass.
+/// Device time and runs of one pass.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub struct PassTime {
-    /// Milliseconds on the device, summed over runs that were timed.
+    /// Milliseconds on the device, summed over timed runs.
     pub gpu_millis: f64,
-    /// Times that it ran.
+    /// Number of runs.
     pub runs: u64,
 }
 
-/// Where a pass writes its two timestamps.
+/// The query set and the indices of a pass's two timestamps.
 pub struct Writes {
     pub(super) set: wgpu::QuerySet,
     pub(super) begin: u32,
@@ -36,7 +36,7 @@ struct State {
     totals: BTreeMap<&'static str, PassTime>,
 }
 
-/// Collects pass times.
+/// Collects the device times of passes.
 pub struct Timings {
     queries: Option<Queries>,
     state: Mutex<State>,
@@ -64,7 +64,7 @@ impl Timings {
         Self { queries, state: Mutex::default() }
     }
 
-    /// Counts a run of a pass and says where its timestamps go, while there is room.
+    /// Counts a run of a pass and returns the indices of its timestamps, or None if the query set is full.
     pub(super) fn begin(&self, label: &'static str) -> Option<Writes> {
         let mut state = self.state.lock().ok()?;
         state.totals.entry(label).or_default().runs += 1;
@@ -77,10 +77,10 @@ impl Timings {
         Some(Writes { set: queries.set.clone(), begin: 2 * index, end: 2 * index + 1 })
     }
 
-    /// Reads the timestamps of all submitted passes and adds them up.
+    /// Reads the timestamps of all submitted passes and adds their times to the totals.
     ///
     /// # Errors
-    /// [`GpuError::Device`].
+    /// [`GpuError::Device`] if the device fails.
     pub fn collect(&self, gpu: &Gpu) -> Result<(), GpuError> {
         let Some(queries) = &self.queries else { return Ok(()) };
         let pending = self.state.lock().map(|mut s| std::mem::take(&mut s.pending)).unwrap_or_default();
@@ -101,13 +101,13 @@ impl Timings {
         Ok(())
     }
 
-    /// Totals since the device was opened or [`Self::reset`], by pass.
+    /// Returns the totals by pass since the device was opened or since [`Self::reset`].
     #[must_use]
     pub fn totals(&self) -> BTreeMap<&'static str, PassTime> {
         self.state.lock().map(|s| s.totals.clone()).unwrap_or_default()
     }
 
-    /// Forgets all totals.
+    /// Sets all totals to zero.
     pub fn reset(&self) {
         if let Ok(mut state) = self.state.lock() {
             state.totals.clear();

@@ -1,10 +1,10 @@
 //! The BSDFs of [`crate::scene::Bsdf`] at one point: evaluation, sampling and density.
 //!
-//! Directions lie in a frame whose z is the shading normal on the viewer's side; both leave the surface, the viewer's with z > 0,
-//! the light's with z < 0 where the surface lets light pass. Values are f |cos_i|. The density is that of a mixture: facets by
-//! visible normals and a cosine lobe, in proportion to what each is expected to give; a facet reflects or lets pass in
-//! proportion, too. Below a width of [`SMOOTH`] all facets lie flat: such lobes are sampled alone and have neither value nor
-//! density.
+//! Directions are in a frame whose z is the shading normal on the viewer's side. Both point away from the
+//! surface: wo has z > 0, and wi has z < 0 for transmission. Values are f |cos_i|. The sampling density is a
+//! mixture of microfacets, sampled by visible normals, and a cosine lobe, in proportion to their expected
+//! contributions; reflection and transmission by a facet are chosen likewise. Lobes with a GGX width below
+//! [`SMOOTH`] are specular: they are sampled alone and have neither value nor density.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -19,62 +19,62 @@ use super::surface::Surface;
 use super::texture::Textures;
 use crate::scene::{self, Boundary, Fresnel, Material, SMOOTH};
 
-/// A BSDF with its textures looked up.
+/// A BSDF after texture look-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bsdf {
-    /// Lambertian.
+    /// Lambertian reflection.
     Diffuse {
         /// Reflectance.
         albedo: Vec3,
     },
-    /// glTF's model.
+    /// glTF's metallic-roughness model.
     MetallicRoughness {
         /// Base colour.
         base: Vec3,
-        /// Share of metal.
+        /// Weight of the metal.
         metallic: f32,
         /// GGX width.
         alpha: f32,
-        /// Dielectric reflectance head on.
+        /// Dielectric reflectance at normal incidence.
         f0: Vec3,
         /// Dielectric reflectance at grazing angles.
         f90: f32,
-        /// Share of the base that passes.
+        /// Fraction of the dielectric's base that transmits.
         transmission: f32,
-        /// Index of refraction beyond the surface relative to the viewer's side; 1: light goes straight on.
+        /// Index of refraction on the far side relative to the viewer's; 1 transmits without refraction.
         bend: f32,
     },
-    /// Metal.
+    /// A rough or smooth conductor.
     Conductor {
         /// GGX width.
         alpha: f32,
-        /// Angle dependence.
+        /// Index of refraction that determines the Fresnel term.
         fresnel: Fresnel,
-        /// Factor.
+        /// Factor of the reflectance.
         specular: Vec3,
     },
-    /// Coat over a diffuse base.
+    /// A dielectric coat over a diffuse base.
     Plastic {
         /// GGX width.
         alpha: f32,
-        /// Diffuse base, inner reflections included: diffuse / (eta^2 (1 - r F_in)).
+        /// Diffuse base including internal reflection: diffuse / (eta^2 (1 - r F_in)).
         base: Vec3,
-        /// Factor of the coat.
+        /// Factor of the coat's reflectance.
         specular: Vec3,
-        /// Index of refraction.
+        /// Index of refraction of the coat.
         eta: f32,
     },
-    /// Glass.
+    /// A rough or smooth dielectric.
     Dielectric {
         /// GGX width.
         alpha: f32,
-        /// Index of refraction beyond the surface relative to the viewer's side; of a sheet, its own.
+        /// Index of refraction on the far side relative to the viewer's; for a sheet, the sheet's own.
         eta: f32,
-        /// Whether light goes straight on.
+        /// True for a thin sheet, which transmits without refraction.
         sheet: bool,
-        /// Factor of what is reflected.
+        /// Factor of the reflectance.
         reflection: Vec3,
-        /// Factor of what passes.
+        /// Factor of the transmittance.
         transmission: Vec3,
     },
 }
@@ -82,37 +82,37 @@ pub enum Bsdf {
 /// A sampled direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Towards the light.
+    /// Unit direction towards the light.
     pub wi: Vec3,
-    /// f |cos_i| / pdf_w; of a smooth lobe, its share over the probability of its choice.
+    /// f |cos_i| / pdf_w; for a specular lobe, its albedo over the probability of its choice.
     pub weight: Vec3,
-    /// Density per solid angle; none for a smooth lobe, which nothing else can sample.
+    /// Density per solid angle; none for a specular lobe, which no other technique can sample.
     pub pdf_w: Option<f32>,
     /// Index of refraction on the light's side relative to the viewer's.
     pub eta: f32,
 }
 
-/// What a facet does with the light that meets it, per channel.
+/// Reflectance and transmittance of a facet at one angle, per channel.
 struct Shares {
     reflected: Vec3,
     passed: Vec3,
-    /// What goes on to the diffuse base and comes back.
+    /// Albedo of the diffuse base, attenuated by the facet.
     diffuse: Vec3,
 }
 
 impl Shares {
-    /// Probability of sampling a facet instead of the cosine lobe.
+    /// Returns the probability of sampling a facet instead of the cosine lobe.
     fn of_facets(&self) -> f32 {
         share(self.reflected + self.passed, self.diffuse)
     }
 
-    /// Probability that a sampled facet reflects.
+    /// Returns the probability that a sampled facet reflects.
     fn of_reflection(&self) -> f32 {
         share(self.reflected, self.passed)
     }
 }
 
-/// The first's share of both; all where there is nothing else.
+/// Returns the first luminance relative to the sum of both; 1 if the second is zero.
 fn share(first: Vec3, second: Vec3) -> f32 {
     let (first, second) = (first.dot(LUMINANCE), second.dot(LUMINANCE));
     if second <= 0.0 {
@@ -124,7 +124,8 @@ fn share(first: Vec3, second: Vec3) -> f32 {
     }
 }
 
-/// What a material's BSDF needs once, not at every hit.
+/// Computes the integral over angles that a BSDF needs once per material: the coat's internal diffuse
+/// reflectance.
 #[must_use]
 pub fn prepare(bsdf: &scene::Bsdf) -> f32 {
     match bsdf {
@@ -134,8 +135,8 @@ pub fn prepare(bsdf: &scene::Bsdf) -> f32 {
 }
 
 impl Bsdf {
-    /// Looks up a material at a point. `prepared` is what [`prepare`] gave. The vertex colour multiplies the diffuse colour, which
-    /// in glTF's model is the metal's too.
+    /// Evaluates a material's textures at a surface. `prepared` is the result of [`prepare`]. The vertex
+    /// colour multiplies the diffuse colour, and in glTF's model also the metal's.
     #[must_use]
     pub fn new(material: &Material, prepared: f32, textures: &Textures, surface: &Surface) -> Self {
         let (uvs, vertex_color) = (surface.uvs, surface.vertex_color);
@@ -163,7 +164,7 @@ impl Bsdf {
                     f0: (head_on * textures.color(specular_color, uvs)).min(Vec3::ONE) * weight,
                     f90: weight,
                     transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
-                    // An opaque surface has no inside; glTF's indices below 1 ask for full reflection.
+                    // An opaque surface has no interior. glTF's indices below 1 request full reflection.
                     bend: if sheet || !material.bsdf.transmits() { 1.0 } else { beyond(ior.max(1.0)) },
                 }
             }
@@ -183,7 +184,8 @@ impl Bsdf {
                 }
             }
             scene::Bsdf::Dielectric { alpha, eta, reflection, transmission } => Self::Dielectric {
-                // Between media that hardly differ facets bend nothing, and the half vector is lost in rounding.
+                // Between media of nearly equal index facets do not refract, and the half vector is lost in
+                // rounding.
                 alpha: if (eta - 1.0).abs() < 1e-3 { 0.0 } else { textures.scalar(alpha, uvs) },
                 eta: if sheet { *eta } else { beyond(*eta) },
                 sheet,
@@ -193,14 +195,15 @@ impl Bsdf {
         }
     }
 
-    /// Light that comes back or passes for light of 1 along `wo`, both in the frame of the normal: what a facet there does.
+    /// Returns the directional albedo along `wo`, reflection and transmission, from the reflectances of a
+    /// facet at the normal.
     #[must_use]
     pub fn albedo(&self, wo: Vec3) -> Vec3 {
         let Shares { reflected, passed, diffuse } = self.shares(wo.z);
         reflected + passed + diffuse
     }
 
-    /// Whether light passes.
+    /// Returns true if the surface transmits light.
     #[must_use]
     pub fn transmits(&self) -> bool {
         match *self {
@@ -210,13 +213,13 @@ impl Bsdf {
         }
     }
 
-    /// Whether nothing but smooth lobes is there: no light that is looked for is ever found.
+    /// Returns true if all lobes are specular, so that next-event estimation cannot contribute.
     #[must_use]
     pub fn smooth(&self, wo: Vec3) -> bool {
         self.alpha().is_some_and(|alpha| alpha < SMOOTH) && self.shares(wo.z).of_facets() == 1.0
     }
 
-    /// Value f |cos_i| and density of the pair, smooth lobes left out.
+    /// Returns f |cos_i| and the density per solid angle for a pair of directions, without specular lobes.
     #[must_use]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z == 0.0 || (wi.z < 0.0 && !self.transmits()) {
@@ -250,22 +253,22 @@ impl Bsdf {
         (value, pdf_w)
     }
 
-    /// Value and density of the facets where light comes from beyond the surface.
+    /// Returns value and density of transmission through facets.
     fn evaluate_passing(&self, wo: Vec3, wi: Vec3, alpha: f32) -> (Vec3, f32) {
         let bend = self.bend();
         if alpha < SMOOTH {
             return (Vec3::ZERO, 0.0);
         }
         if bend == 1.0 {
-            // The reflection's lobe, mirrored.
+            // Transmission without refraction is the reflection lobe, mirrored at the surface.
             let mirrored = wi.with_z(-wi.z);
             let h = (wo + mirrored).normalize();
             let shares = self.shares(h.dot(wo).max(0.0));
             let lobe = ggx::d(h, alpha) / (4.0 * wo.z) * self.masking(wo, mirrored, alpha);
             return (shares.passed * lobe, (1.0 - shares.of_reflection()) * ggx::reflection_pdf_w(wo, h, alpha));
         }
-        // Walter et al. 2007: the half vector (eq. 16), the Jacobian (eq. 17) and the value (eq. 21) over bend^2, for radiance
-        // is denser by that on the far side.
+        // Walter et al. 2007: half vector (eq. 16), Jacobian (eq. 17) and value (eq. 21). The value is
+        // divided by bend^2, the scaling of radiance between the media.
         let sum = wo + bend * wi;
         let h = sum.normalize() * 1.0_f32.copysign(sum.z);
         let (cos_o, cos_i) = (h.dot(wo), -h.dot(wi));
@@ -279,8 +282,8 @@ impl Bsdf {
         (value, (1.0 - shares.of_reflection()) * facets * g1)
     }
 
-    /// A direction drawn for an observer; none where it would leave on the wrong side. `fork` is a third random number, for
-    /// surfaces that let light pass.
+    /// Samples a direction; none if it is on the wrong side of the surface. `fork` is a third random number
+    /// for surfaces that transmit.
     #[must_use]
     pub fn sample(&self, wo: Vec3, mut u: Vec2, fork: f32) -> Option<Sample> {
         if wo.z <= 0.0 {
@@ -292,7 +295,7 @@ impl Bsdf {
         };
         let Some(alpha) = self.alpha() else { return rough(cosine_hemisphere(u), 1.0) };
         let p = self.shares(wo.z).of_facets();
-        // One number chooses the lobe and, stretched, goes on into it.
+        // One random number chooses the lobe and, rescaled, samples it.
         if u.x >= p {
             u.x = ((u.x - p) / (1.0 - p)).min(1.0 - f32::EPSILON / 2.0);
             return rough(cosine_hemisphere(u), 1.0);
@@ -316,7 +319,7 @@ impl Bsdf {
         if (wi.z > 0.0) == (fork < q) { rough(wi, eta) } else { None }
     }
 
-    /// The GGX width, where there are facets.
+    /// Returns the GGX width; none for a diffuse surface.
     fn alpha(&self) -> Option<f32> {
         match *self {
             Self::Diffuse { .. } => None,
@@ -327,7 +330,8 @@ impl Bsdf {
         }
     }
 
-    /// Index of refraction beyond the surface relative to the viewer's side, as far as directions are concerned.
+    /// Returns the index of refraction on the far side relative to the viewer's as far as it refracts; 1 for
+    /// sheets.
     fn bend(&self) -> f32 {
         match *self {
             Self::MetallicRoughness { bend, .. } => bend,
@@ -336,7 +340,8 @@ impl Bsdf {
         }
     }
 
-    /// Masking and shadowing of a reflection.
+    /// Masking-shadowing function of a reflection: height-correlated in glTF's model, separable in the
+    /// others.
     fn masking(&self, wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
         match self {
             Self::MetallicRoughness { .. } => ggx::g2(wo, wi, alpha),
@@ -344,13 +349,13 @@ impl Bsdf {
         }
     }
 
-    /// What a facet does with light at a cosine.
+    /// Returns the reflectances of a facet at a cosine.
     fn shares(&self, cos: f32) -> Shares {
         let opaque = |reflected, diffuse| Shares { reflected, passed: Vec3::ZERO, diffuse };
         match *self {
             Self::Diffuse { albedo } => opaque(Vec3::ZERO, albedo),
             Self::MetallicRoughness { base, metallic, f0, f90, transmission, bend, .. } => {
-                // Schlick's cosine is that in the thinner medium.
+                // Schlick's approximation takes the cosine in the less dense medium.
                 let grazing = schlick_weight(if bend < 1.0 { ggx::refracted_cos(cos, bend) } else { cos });
                 let total = bend < 1.0 && ggx::refracted_cos(cos, bend) == 0.0;
                 let dielectric = if total { Vec3::ONE } else { f0 + (f90 - f0) * grazing };
@@ -375,7 +380,8 @@ impl Bsdf {
             }
             Self::Dielectric { alpha, eta, sheet, reflection, transmission } => {
                 let once = fresnel_dielectric(cos, eta);
-                // What a sheet's two sides reflect to and fro: R + T R T + T R R R T + ... = 2 R / (1 + R).
+                // Sum of the interreflections between a sheet's sides: R + T R T + T R R R T + ... = 2 R / (1
+                // + R).
                 let reflectance = if sheet && alpha < SMOOTH { 2.0 * once / (1.0 + once) } else { once };
                 Shares {
                     reflected: reflection * reflectance,
@@ -387,7 +393,7 @@ impl Bsdf {
     }
 }
 
-/// Cosine-distributed directions about z.
+/// Samples a cosine-weighted direction about z.
 fn cosine_hemisphere(u: Vec2) -> Vec3 {
     let p = concentric_disk(u);
     p.extend((1.0 - p.length_squared()).max(0.0).sqrt())

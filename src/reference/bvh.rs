@@ -1,9 +1,10 @@
-//! Nearest hits and occlusion: a four-wide bounding volume hierarchy with leaves of four triangles.
+//! Closest hits and occlusion: a four-wide bounding volume hierarchy with leaves of four triangles.
 //!
-//! obvhs builds a binary tree (PLOC with reinsertion, Meister et al.); it is folded into nodes of four boxes, tested together
-//! in SSE lanes. Triangles are met by the watertight test of Woop, Benthin and Wald (JCGT 2013), four at a time, with both sides
-//! of a shared edge inclusive: a ray cannot slip through a closed mesh. Boxes are widened by rounding's worth, so none is
-//! missed that the triangle test would hit.
+//! obvhs builds a binary tree (PLOC with reinsertion, Meister et al.), which is collapsed into nodes of four
+//! boxes that are tested together in SSE lanes. Four triangles at a time are tested by the watertight
+//! intersection of Woop, Benthin and Wald (JCGT 2013) with inclusive edges on both sides, so that no ray
+//! passes between the triangles of a closed mesh. Boxes are enlarged by the rounding error, so that none is
+//! missed that contains a hit.
 
 use glam::{BVec4A, Vec3, Vec3A, Vec4};
 use obvhs::bvh2::Bvh2;
@@ -11,28 +12,28 @@ use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, triangle::Trian
 
 use crate::scene::Geometry;
 
-/// No triangle.
+/// Index of no triangle.
 pub const NONE: u32 = u32::MAX;
 
-/// Marks a child as a leaf.
+/// Flag of a child index that refers to a leaf.
 const LEAF: u32 = 1 << 31;
 
-/// Deepest stack kept on the CPU's own stack; taller trees allocate.
+/// Deepest traversal stack that is kept on the thread's stack; deeper trees allocate.
 const STACK: usize = 96;
 
-/// Where a ray met a triangle: the point is (1 - u - v) p0 + u p1 + v p2.
+/// A hit of a ray with a triangle at (1 - u - v) p0 + u p1 + v p2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Index into [`Geometry::triangles`].
     pub triangle: u32,
-    /// Distance in units of the ray's direction.
+    /// Distance in units of the length of the ray's direction.
     pub t: f32,
-    /// Weights of the second and the third corner.
+    /// Barycentric weights of the second and the third corner.
     pub bary: [f32; 2],
 }
 
 impl Hit {
-    /// Interpolates what the triangle's corners have.
+    /// Interpolates attributes of the triangle's corners.
     #[inline(always)]
     pub fn mix<T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(&self, [a, b, c]: [T; 3]) -> T {
         let [u, v] = self.bary;
@@ -40,17 +41,18 @@ impl Hit {
     }
 }
 
-/// Four boxes: `bounds[0]` low, `bounds[1]` high, by axis; an empty slot is inside out.
+/// Four boxes: `bounds[0]` are the minima and `bounds[1]` the maxima by axis; an empty slot is inverted.
 struct Node {
     bounds: [[Vec4; 3]; 2],
     children: [u32; 4],
 }
 
-/// Up to four triangles; `corners[axis][corner]` holds a lane for each. Unused lanes are points, which nothing hits.
+/// Up to four triangles; `corners[axis][corner]` has a lane for each. Unused lanes are degenerate and never
+/// hit.
 struct Packet {
     corners: [[Vec4; 3]; 3],
     ids: [u32; 4],
-    /// Lanes whose hits the filter has to confirm.
+    /// Bit mask of the lanes whose hits a query's filter has to confirm.
     filtered: u32,
 }
 
@@ -62,20 +64,21 @@ pub struct Bvh {
     stack: usize,
 }
 
-/// A ray made ready for boxes and triangles.
+/// A ray prepared for box and triangle tests.
 struct Ray {
     origin: Vec3,
     inverse: Vec3,
-    /// Which of low and high is met first, by axis.
+    /// Index of the nearer bound (0 minimum, 1 maximum) by axis.
     near: [usize; 3],
-    /// Axes of the sheared space: the direction's largest is last.
+    /// Axes of the sheared space; the last is the direction's largest component.
     axes: [usize; 3],
     shear: Vec3,
 }
 
 impl Ray {
     fn new(origin: Vec3, direction: Vec3) -> Self {
-        // Zero components get a huge inverse: inside the slab the interval is all of the ray, outside it is empty.
+        // Zero components get a huge inverse: inside the slab the interval is the whole ray, outside it is
+        // empty.
         let inverse = |d: f32| if d.abs() < 1e-18 { 1e18_f32.copysign(d) } else { 1.0 / d };
         let size = direction.abs();
         let z = if size.x > size.y && size.x > size.z {
@@ -99,7 +102,7 @@ impl Ray {
         }
     }
 
-    /// Entry distances into four boxes and which of them are met before `t_max`.
+    /// Returns the entry distances of four boxes and the mask of those that are entered before `t_max`.
     #[inline(always)]
     fn boxes(&self, node: &Node, t_max: f32) -> (Vec4, u32) {
         let slab = |axis: usize, side: usize| {
@@ -111,7 +114,8 @@ impl Ray {
         (enter, enter.cmple(leave).bitmask())
     }
 
-    /// Distances and barycentric weights of four triangles and which of them are met between 0 and `t_max`.
+    /// Returns the distances and barycentric weights of four triangles and the mask of those that are hit
+    /// between 0 and `t_max`.
     #[inline(always)]
     fn triangles(&self, packet: &Packet, t_max: f32) -> (Vec4, [Vec4; 2], u32) {
         let [kx, ky, kz] = self.axes;
@@ -141,7 +145,8 @@ impl Ray {
 }
 
 impl Bvh {
-    /// Builds the hierarchy. Hits of triangles for which `filtered` says so are put to the filter of each query.
+    /// Builds the hierarchy. Hits of triangles for which `filtered` returns true are passed to the filter of
+    /// each query.
     #[must_use]
     pub fn new(geometry: &Geometry, filtered: impl Fn(u32) -> bool) -> Self {
         let triangles: Vec<Triangle> = (0..geometry.triangles.len())
@@ -172,7 +177,7 @@ impl Bvh {
         bvh
     }
 
-    /// The nearest hit nearer than `t_max`, leaving one triangle out.
+    /// Returns the closest hit before `t_max`, ignoring one triangle.
     #[inline]
     pub fn closest(
         &self,
@@ -199,7 +204,7 @@ impl Bvh {
         (nearest.triangle != NONE).then_some(nearest)
     }
 
-    /// Whether anything lies between 0 and `t_max`, leaving two triangles out.
+    /// Returns true if any triangle but two ignored ones is hit between 0 and `t_max`.
     #[inline]
     pub fn any(
         &self,
@@ -225,7 +230,8 @@ impl Bvh {
         })
     }
 
-    /// Visits the leaves along a ray, near ones first, until `leaf` says stop; `nearest.t` cuts off what lies behind.
+    /// Visits the leaves along a ray front to back until `leaf` returns true; `nearest.t` culls farther
+    /// nodes.
     #[inline(always)]
     fn traverse(&self, ray: &Ray, nearest: &mut Hit, leaf: impl FnMut(&Packet, &mut Hit) -> bool) -> bool {
         if self.stack <= STACK {
@@ -252,12 +258,12 @@ impl Bvh {
                 }
             } else {
                 let node = &self.nodes[child as usize];
-                let (enter, mut met) = ray.boxes(node, nearest.t);
-                // Sorted insertion from the top of the stack: the nearest ends up on top.
+                let (enter, mut lanes) = ray.boxes(node, nearest.t);
+                // Children are inserted in sorted order, so that the nearest is on top of the stack.
                 let floor = top;
-                while met != 0 {
-                    let lane = met.trailing_zeros() as usize;
-                    met &= met - 1;
+                while lanes != 0 {
+                    let lane = lanes.trailing_zeros() as usize;
+                    lanes &= lanes - 1;
                     let entry = (enter[lane], node.children[lane]);
                     let mut slot = top;
                     while slot > floor && stack[slot - 1].0 < entry.0 {
@@ -282,12 +288,12 @@ impl Bvh {
     }
 }
 
-/// Turns the binary tree into nodes of four and leaves of up to four triangles.
+/// Collapses the binary tree into nodes of four and leaves of up to four triangles.
 struct Folder<'a, F> {
     binary: &'a Bvh2,
     triangles: &'a [Triangle],
     filtered: &'a F,
-    /// Triangles below each binary node.
+    /// Number of triangles below each binary node.
     counts: Vec<u32>,
     margin: f32,
     bvh: &'a mut Bvh,
@@ -302,14 +308,14 @@ impl<F: Fn(u32) -> bool> Folder<'_, F> {
         count
     }
 
-    /// The child that stands for a binary node, and the height of what is below.
+    /// Returns the child index for a binary node, and the height of its subtree.
     fn fold(&mut self, index: usize) -> (u32, usize) {
         if self.counts[index] <= 4 {
             let mut ids = Vec::with_capacity(4);
             self.gather(index, &mut ids);
             return (self.leaf(&ids), 1);
         }
-        // Opens the largest box that is not yet a leaf until there are four.
+        // The largest box that is not a leaf is opened until there are four.
         let first = self.binary.nodes[index].first_index as usize;
         let mut slots = vec![first, first + 1];
         while slots.len() < 4 {

@@ -1,11 +1,11 @@
-//! Rays from a camera through points of its image.
+//! Generates camera rays.
 
 use glam::{Affine3A, Vec2, Vec3};
 
 use super::sampler::{Sampler, concentric_disk};
 use crate::scene::{Camera, Lens, Projection};
 
-/// A camera at one image size.
+/// A camera with the size of its image.
 pub struct Rays {
     world_from_camera: Affine3A,
     half_extent: Vec2,
@@ -27,8 +27,9 @@ impl Rays {
         }
     }
 
-    /// Origin and unit direction in the world, for a point in pixels from the upper left corner; through a lens, from a random
-    /// point of it towards what the pinhole's ray meets on the plane of focus.
+    /// Returns origin and unit direction in world space for a point in pixels from the upper left corner. A
+    /// thin lens samples a point on its aperture and aims at the point in which the pinhole ray intersects
+    /// the plane of focus (pbrt-v4, section 5.2.3).
     #[must_use]
     pub fn ray(&self, pixel: Vec2, sampler: &mut Sampler) -> (Vec3, Vec3) {
         let ndc = pixel / self.size * 2.0 - 1.0;

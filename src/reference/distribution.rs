@@ -1,20 +1,21 @@
-//! Drawing from discrete and linear densities so that stratified numbers stay stratified.
+//! Samples discrete and linear densities such that stratified random numbers stay stratified.
 
-/// Weights in one block of a table: a cache line of sums.
+/// Number of weights in one block of a table: a cache line of sums.
 const BLOCK: usize = 16;
 
-/// Indices drawn in proportion to weights.
+/// A discrete distribution, proportional to weights.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
-    /// Sum of the weights up to and including each; the last is `total`.
+    /// Inclusive prefix sums of the weights; the last is `total`.
     sums: Vec<f32>,
-    /// The last sum of each block: searched first, so that a draw from a large table touches few cache lines.
+    /// The last sum of each block. It is searched first, so that sampling a large table touches few cache
+    /// lines.
     blocks: Vec<f32>,
     total: f32,
 }
 
 impl Table {
-    /// Sums up the weights, in f64. None may be negative.
+    /// Sums the weights in f64. None may be negative.
     #[must_use]
     pub fn new(weights: &[f32]) -> Self {
         let mut sum = 0.0_f64;
@@ -29,20 +30,21 @@ impl Table {
         Self { sums, blocks, total: sum as f32 }
     }
 
-    /// Sum of all weights.
+    /// Returns the sum of all weights.
     #[must_use]
     pub fn total(&self) -> f32 {
         self.total
     }
 
-    /// Probability with which an index is drawn.
+    /// Returns the probability of an index.
     #[must_use]
     pub fn probability(&self, index: usize) -> f32 {
         let below = if index == 0 { 0.0 } else { self.sums[index - 1] };
         (self.sums[index] - below) / self.total
     }
 
-    /// An index, its probability, and where in its share `u` fell, for use as the next number. The total must not be zero.
+    /// Samples an index. Returns it with its probability and the rescaled random number. The total must not
+    /// be zero.
     #[must_use]
     pub fn sample(&self, u: f32) -> (usize, f32, f32) {
         let target = u * self.total;
@@ -59,7 +61,7 @@ impl Table {
     }
 }
 
-/// A point of [0, 1] with a density that runs linearly from `a` to `b` (pbrt-v4, section A.3.1, in its stable form).
+/// Samples [0, 1] with a density that is linear from `a` to `b` (pbrt-v4, section A.3.1, in its stable form).
 #[must_use]
 pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     if a + b <= 0.0 {

@@ -1,9 +1,9 @@
-//! Radiance from infinitely far away and the density by which its map is sampled.
+//! Environment light: its radiance, and importance sampling of its map.
 //!
-//! The map is bilinear between rows and columns, so it is sampled cell by cell, a cell being what lies between four texel
-//! centres (and between the poles and the nearest row where rows do not reach the poles). A cell is chosen by mean luminance
-//! times solid angle, and a point in it by the luminance's bilinear course: the density is that of the value, but for the
-//! sine's change within a cell and for colour.
+//! The map is bilinear between rows and columns, so it is sampled by cells. A cell lies between four texel
+//! centres, or between a pole and the nearest row if rows do not reach the poles. A cell is chosen by mean
+//! luminance times solid angle, and a point in it by the bilinear luminance. The density is therefore
+//! proportional to the luminance, up to the variation of sin(theta) within a cell.
 
 use std::f32::consts::{PI, TAU};
 
@@ -12,10 +12,10 @@ use glam::{Mat3, Vec2, Vec3};
 use super::distribution::{Table, sample_linear};
 use crate::scene::{Environment, EnvironmentMap, Rows};
 
-/// Rec. 709 luminance.
+/// Weights of Rec. 709 luminance.
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// A sky ready to be looked up and, if it has a map, sampled.
+/// An environment, prepared for look-up and, if it has a map, for sampling.
 pub struct Sky<'s> {
     radiance: Vec3,
     map: Option<&'s EnvironmentMap>,
@@ -23,17 +23,17 @@ pub struct Sky<'s> {
     table: Option<SkyTable>,
 }
 
-/// Where bilinear interpolation meets a row: v and the row's index.
+/// A row of the bilinear interpolation: its v coordinate and its index.
 type Knot = (f32, u32);
 
 struct SkyTable {
-    /// Ends of the bands of cells, ascending in v.
+    /// Boundaries of the bands of cells, ascending in v.
     knots: Vec<Knot>,
     rows: Table,
     columns: Vec<Table>,
     /// Integral of luminance times the band's sine over the unit square.
     integral: f32,
-    /// Mean radiance times 4 pi, luminance: what the sky sends through a unit cross-section.
+    /// Luminance of the mean radiance times 4 pi: the flux through a unit cross-section.
     power: f32,
 }
 
@@ -46,14 +46,14 @@ impl<'s> Sky<'s> {
         Self { radiance: environment.radiance, map, world_from_environment: environment.world_from_environment, table }
     }
 
-    /// Luminance of the flux through a unit disk from all directions; 0 for a constant sky, which is left to the BSDFs: they cannot
-    /// be beaten there.
+    /// Returns the luminance of the flux through a unit disk from all directions. It is 0 for a constant sky,
+    /// for which BSDF sampling alone is optimal.
     #[must_use]
     pub fn power(&self) -> f32 {
         self.table.as_ref().map_or(0.0, |t| t.power)
     }
 
-    /// Radiance that arrives along `-direction`.
+    /// Returns the radiance that arrives along `-direction`.
     #[must_use]
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         let Some(map) = self.map else { return self.radiance };
@@ -75,7 +75,8 @@ impl<'s> Sky<'s> {
         self.radiance * (above * (1.0 - fy) + below * fy)
     }
 
-    /// A direction towards the sky and its density; none where it has no solid angle.
+    /// Samples a direction towards the sky. Returns it with its density per solid angle; none if the density
+    /// is zero.
     #[must_use]
     pub fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
         let (map, table) = (self.map?, self.table.as_ref()?);
@@ -90,12 +91,13 @@ impl<'s> Sky<'s> {
         let (sin_theta, cos_theta) = (v * PI).sin_cos();
         let local = Vec3::new(phi.sin() * sin_theta, cos_theta, -phi.cos() * sin_theta);
         let direction = self.world_from_environment * local;
-        // Looked up again rather than carried over: rounding at a cell's edge then changes value and density alike.
+        // The density is evaluated for the final direction. Rounding at a cell's edge then changes radiance
+        // and density alike.
         let pdf_w = self.pdf_w(direction);
         (pdf_w > 0.0).then_some((direction, pdf_w))
     }
 
-    /// Density of a direction per solid angle, as [`Self::sample`] draws it.
+    /// Returns the density of [`Self::sample`] per solid angle.
     #[must_use]
     pub fn pdf_w(&self, direction: Vec3) -> f32 {
         let (Some(map), Some(table)) = (self.map, &self.table) else { return 0.0 };
@@ -115,7 +117,7 @@ impl<'s> Sky<'s> {
         value * table.band_sine(band) / (table.integral * TAU * PI * sin_theta)
     }
 
-    /// u and v of a direction.
+    /// Returns the u and v coordinates of a direction.
     fn coordinates(&self, direction: Vec3) -> Vec2 {
         let d = self.world_from_environment.transpose() * direction;
         let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
@@ -124,7 +126,7 @@ impl<'s> Sky<'s> {
 }
 
 impl SkyTable {
-    /// None where the map is black.
+    /// Creates the table; none if the map is black.
     fn new(map: &EnvironmentMap, scale: f32) -> Option<Self> {
         let (width, height) = (map.width as usize, map.height);
         let mut knots: Vec<Knot> = match map.rows {
@@ -152,7 +154,7 @@ impl SkyTable {
         (table.power > 0.0 && table.power.is_finite()).then_some(table)
     }
 
-    /// Luminances at a cell's corners: upper left, upper right, lower left, lower right.
+    /// Returns the luminance at a cell's corners: upper left, upper right, lower left, lower right.
     fn corners(&self, map: &EnvironmentMap, band: usize, cell: usize) -> [f32; 4] {
         let width = map.width as usize;
         let luminance = |row: u32, column: usize| {
@@ -163,7 +165,7 @@ impl SkyTable {
         [luminance(above, cell), luminance(above, cell + 1), luminance(below, cell), luminance(below, cell + 1)]
     }
 
-    /// The sine of the polar angle in the middle of a band, which stands for all of it.
+    /// Returns the sine of the polar angle at the centre of a band, used for the whole band.
     fn band_sine(&self, band: usize) -> f32 {
         (0.5 * (self.knots[band].0 + self.knots[band + 1].0) * PI).sin()
     }
@@ -177,7 +179,7 @@ mod tests {
     fn sky(rows: Rows) -> Environment {
         let (width, height) = (16, 8);
         let value = |i: u32| match i {
-            // A sun, and rows at the poles that differ from their neighbours.
+            // The map has a sun, and rows at the poles that differ from their neighbours.
             53 => [90.0, 80.0, 60.0],
             0..16 => [3.0, 1.0, 0.5],
             112..128 => [0.0, 0.1 * (i % 5) as f32, 0.2],
@@ -191,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Integrates over the sphere with midpoints in the map's own coordinates.
+    /// Integrates over the sphere by the midpoint rule in the map's coordinates.
     fn integrate(f: impl Fn(Vec3) -> f32) -> f64 {
         let (nu, nv) = (1024, 512);
         let mut sum = 0.0;
@@ -236,7 +238,7 @@ mod tests {
 
     #[test]
     fn columns_follow_the_stated_azimuth() {
-        // u = atan2(x, -z) / 2 pi: +X is u = 1/4, +Z u = 1/2.
+        // u = atan2(x, -z) / 2 pi, so +X is u = 1/4 and +Z is u = 1/2.
         let texels = (0..4).map(|i| [i as f32; 3]).collect();
         let environment = Environment {
             radiance: Vec3::ONE,

@@ -1,4 +1,4 @@
-//! What the middle of each pixel sees, without light: distance, normal, albedo.
+//! Renders features of the first hit without lighting: distance, normal, albedo.
 
 use glam::{Vec2, Vec3};
 use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
@@ -7,21 +7,21 @@ use super::sampler::Sampler;
 use super::{Reference, ReferenceSettings};
 use crate::film::Film;
 
-/// Images of one sample per pixel; where nothing is seen, all of them are 0.
+/// Images with one sample per pixel; pixels without a hit are 0 in all of them.
 pub struct Features {
-    /// Metres from the camera, the same in all channels.
+    /// Distance from the camera, metres, the same in all channels.
     pub distance: Film,
-    /// Shading normal on the camera's side, world space; each component from -1 to 1.
+    /// Shading normal on the camera's side, world space; components from -1 to 1.
     pub normal: Film,
-    /// Light that comes back or passes for light of 1 that arrives from the camera.
+    /// Directional albedo for the direction to the camera, reflection and transmission.
     pub albedo: Film,
 }
 
 impl Reference<'_> {
-    /// Looks once through the middle of each pixel; of a lens, through one point of it.
+    /// Traces one ray through the centre of each pixel, for a thin lens from one point of it.
     ///
     /// # Panics
-    /// If the scene has no camera of that index.
+    /// Panics if the scene has no camera of that index.
     #[must_use]
     pub fn features(&self, settings: &ReferenceSettings) -> Features {
         let ReferenceSettings { width, height, seed, .. } = *settings;

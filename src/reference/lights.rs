@@ -1,10 +1,11 @@
-//! Next-event estimation: lights in three groups, within which they are chosen by power.
+//! Next-event estimation: lights form three groups, within which one light is chosen by power.
 //!
-//! The groups are lights without extent (or with one that nothing meets), parts of emissive triangles (area times mean
-//! emission), and a mapped sky. Where the camera looks, each group gets a sample of its own; further down a path one group is
-//! chosen, half by power and half evenly, because a sun or a lamp may be strong elsewhere and dark here. Lights of the first
-//! group, where they are few, are chosen by what they would give the receiver if nothing stood between. A constant sky is in
-//! no group: BSDF sampling alone finds it without noise from the choice.
+//! The groups are delta lights (and lights with a size that BSDF sampling cannot hit), parts of emissive
+//! triangles (weighted by area times mean emission), and a mapped sky. At the camera's vertex each group has
+//! a sample of its own. Later vertices choose one group, half by power and half uniformly, because a sun or a
+//! lamp may be strong elsewhere and dark here. If there are few lights in the first group, they are chosen by
+//! their unoccluded contribution at the receiver. A constant sky is in no group: BSDF sampling finds it
+//! without the variance of choosing a group.
 
 use std::f32::consts::{PI, TAU};
 
@@ -14,16 +15,16 @@ use super::bvh::NONE;
 use super::distribution::Table;
 use super::environment::{LUMINANCE, Sky};
 use super::surface::Frame;
-use crate::scene::emitter::{self, Part};
+use crate::scene::model::emitter::{self, Part};
 use crate::scene::{Cone, Geometry, Lamp, Light, Mapping, Pattern, Scene, SpotFalloff, angle_of_versine, versine};
 
-/// Up to so many lights without extent are each looked at before one is chosen.
+/// Largest number of delta lights that are chosen by their contribution at the receiver.
 const FEW: usize = 16;
 
 /// A group of lights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
-    /// Lights that nothing meets.
+    /// Lights that BSDF sampling cannot hit.
     Delta,
     /// Emissive triangles.
     Triangles,
@@ -31,22 +32,22 @@ pub enum Group {
     Sky,
 }
 
-/// All that can be sampled.
+/// All lights that can be sampled.
 pub struct Lights<'s> {
     delta: &'s [Light],
     patterns: &'s [Pattern],
     delta_table: Table,
-    /// Parts of triangles, those of one triangle one after the other.
+    /// Parts of emissive triangles; those of one triangle are consecutive.
     parts: Vec<(u32, Part)>,
     part_table: Table,
-    /// Of each triangle, the first part, how many it has along a side, and their area; empty where none emits.
+    /// First part, number of parts along a side and area of a part, per triangle; empty if no triangle emits.
     emitters: Vec<(u32, u32, f32)>,
     /// Groups that are not empty.
     groups: Vec<Group>,
     group_table: Table,
 }
 
-/// Where a light sample lies.
+/// Endpoint of a light sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// A point, on a triangle or on [`NONE`].
@@ -58,26 +59,27 @@ pub enum Target {
         /// Barycentric weights of its second and third corner.
         bary: [f32; 2],
     },
-    /// Infinitely far away.
+    /// A point at infinity.
     Infinity,
 }
 
-/// A direction towards a light.
+/// A sampled direction towards a light.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
     /// Unit direction from the receiver.
     pub direction: Vec3,
-    /// What a shadow ray has to reach.
+    /// Endpoint of the shadow ray.
     pub target: Target,
-    /// Of a light that nothing meets: irradiance on a surface that faces it over the probability of its choice. Of one with extent:
-    /// 1 / `pdf_w`, to be multiplied by the radiance there.
+    /// For a light that BSDF sampling cannot hit: irradiance on a surface that faces it, divided by the
+    /// probability of its choice. For one that it can hit: 1 / `pdf_w`, to be multiplied by the radiance at
+    /// the endpoint.
     pub weight: Vec3,
-    /// Density per solid angle within the group; none for lights that nothing else can find.
+    /// Density per solid angle within the group; none for lights that BSDF sampling cannot hit.
     pub pdf_w: Option<f32>,
 }
 
 impl<'s> Lights<'s> {
-    /// Gathers the lights of a scene.
+    /// Collects the lights of a scene.
     #[must_use]
     pub fn new(scene: &'s Scene, geometry: &Geometry, sky: Option<&Sky>) -> Self {
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
@@ -118,33 +120,34 @@ impl<'s> Lights<'s> {
         Self { delta, patterns, delta_table, parts, part_table, emitters, groups, group_table }
     }
 
-    /// The groups that are not empty.
+    /// Returns the groups that are not empty.
     #[must_use]
     pub fn groups(&self) -> &[Group] {
         &self.groups
     }
 
-    /// Whether a sample of a group needs random numbers at all.
+    /// Returns true if a sample of a group needs random numbers.
     #[must_use]
     pub fn random(&self, group: Group) -> bool {
         group != Group::Delta || self.delta.len() > 1 || self.delta.iter().any(has_size)
     }
 
-    /// A group, its probability, and a number for use within it.
+    /// Chooses a group. Returns it with its probability and a rescaled random number.
     #[must_use]
     pub fn choose_group(&self, u: f32) -> (Group, f32, f32) {
         let (index, probability, rest) = self.group_table.sample(u);
         (self.groups[index], probability, rest)
     }
 
-    /// Probability with which [`Self::choose_group`] chooses a group.
+    /// Returns the probability with which [`Self::choose_group`] chooses a group.
     #[must_use]
     pub fn group_probability(&self, group: Group) -> f32 {
         self.groups.iter().position(|&g| g == group).map_or(0.0, |at| self.group_table.probability(at))
     }
 
-    /// Density per solid angle, within their group, with which a receiver would have sampled a point of a triangle at `distance`,
-    /// seen at `cos`; `bary` are the weights of its second and third corner.
+    /// Returns the density per solid angle, within the group of triangles, with which a receiver samples a
+    /// point of a triangle at `distance` and at cosine `cos` to its normal; `bary` are the weights of its
+    /// second and third corner.
     #[must_use]
     pub fn triangle_pdf_w(&self, triangle: u32, bary: [f32; 2], distance: f32, cos: f32) -> f32 {
         match self.emitters.get(triangle as usize) {
@@ -156,8 +159,8 @@ impl<'s> Lights<'s> {
         }
     }
 
-    /// A direction from a receiver towards a light of a group; none where the light does not shine there. `facing` is the shading
-    /// normal of a receiver that takes light from one side only.
+    /// Samples a direction from a receiver towards a light of a group; none if the light does not reach it.
+    /// `facing` is the shading normal of a receiver that is lit from one side only.
     #[must_use]
     pub fn sample(
         &self,
@@ -203,7 +206,7 @@ impl<'s> Lights<'s> {
 }
 
 impl Lights<'_> {
-    /// A light that nothing meets, its probability, and where in its share `u` fell.
+    /// Chooses a delta light. Returns its index, its probability and the rescaled random number.
     fn choose_delta(&self, from: Vec3, facing: Option<Vec3>, u: f32) -> Option<(usize, f32, f32)> {
         let count = self.delta.len();
         if count == 1 {
@@ -212,19 +215,22 @@ impl Lights<'_> {
         if count > FEW {
             return Some(self.delta_table.sample(u));
         }
-        let mut gifts = [0.0; FEW];
+        let mut contributions = [0.0; FEW];
         let mut total = 0.0;
-        for (gift, light) in gifts.iter_mut().zip(self.delta) {
+        for (contribution, light) in contributions.iter_mut().zip(self.delta) {
             let expected = self.expected(light, from, facing);
-            // What is not a number must be met sometimes, to be seen.
-            *gift = if expected.is_finite() { expected } else { 1.0 };
-            total += *gift;
+            // A light whose contribution is not finite keeps a chance, so that the error shows up in the
+            // image.
+            *contribution = if expected.is_finite() { expected } else { 1.0 };
+            total += *contribution;
         }
         let mut left = u * total;
         let mut chosen = None;
-        for (index, &gift) in gifts[..count].iter().enumerate().filter(|(_, gift)| **gift > 0.0) {
-            chosen = Some((index, gift / total, (left / gift).clamp(0.0, 1.0 - f32::EPSILON / 2.0)));
-            left -= gift;
+        for (index, &contribution) in
+            contributions[..count].iter().enumerate().filter(|(_, contribution)| **contribution > 0.0)
+        {
+            chosen = Some((index, contribution / total, (left / contribution).clamp(0.0, 1.0 - f32::EPSILON / 2.0)));
+            left -= contribution;
             if left < 0.0 {
                 break;
             }
@@ -232,8 +238,8 @@ impl Lights<'_> {
         chosen
     }
 
-    /// Luminance of what a light would give a receiver if nothing stood between; of one with a size at least so much as any point
-    /// of it that is not too close.
+    /// Returns the luminance of a light's unoccluded contribution at a receiver. For a lamp with a radius it
+    /// is the contribution of its centre, at a distance of at least the radius.
     fn expected(&self, light: &Light, from: Vec3, facing: Option<Vec3>) -> f32 {
         match light {
             Light::Sun { irradiance, .. } => irradiance.dot(LUMINANCE),
@@ -246,7 +252,8 @@ impl Lights<'_> {
         }
     }
 
-    /// Direction to a point of a light that nothing meets, where its shadow ray ends, and irradiance on a surface that faces it.
+    /// Returns the direction to a point of a delta light, the endpoint of the shadow ray, and the irradiance
+    /// on a surface that faces the light.
     fn delta(&self, light: &Light, from: Vec3, u: Vec2) -> Option<(Vec3, Target, Vec3)> {
         let towards = |position: Vec3| {
             let to = position - from;
@@ -272,17 +279,18 @@ impl Lights<'_> {
                 (intensity != Vec3::ZERO).then(|| (direction, target, intensity * falloff))
             }
             Light::Sun { direction, irradiance, angle, .. } => {
-                // Even over the cone, whose middle is as bright as its edge.
+                // Directions are uniform over the cone, whose radiance is constant.
                 let height = u.x * versine(angle);
                 let (r, phi) = ((height * (2.0 - height)).sqrt(), TAU * u.y);
                 let w = Frame::new(-direction).world(Vec3::new(r * phi.cos(), r * phi.sin(), 1.0 - height));
-                // E = L pi sin^2 for radiance L, and L over the density 1 / (2 pi (1 - cos)) is 2 E / (1 + cos).
+                // With E = L pi sin^2 for radiance L, L over the density 1 / (2 pi (1 - cos)) is 2 E / (1 +
+                // cos).
                 Some((w, Target::Infinity, irradiance * (2.0 / (1.0 + angle.cos()))))
             }
         }
     }
 
-    /// Intensity of a lamp towards a unit direction.
+    /// Returns the intensity of a lamp towards a unit direction.
     fn intensity(&self, lamp: &Lamp, w: Vec3) -> Vec3 {
         let local = lamp.world_from_lamp.transpose() * w;
         let cone = lamp.cone.map_or(1.0, |Cone { inner_angle, outer_angle, falloff }| {
@@ -292,20 +300,21 @@ impl Lights<'_> {
     }
 }
 
-/// Whether a light is more than a point or a direction.
+/// Returns true if a light is more than a point or a direction.
 fn has_size(light: &Light) -> bool {
     matches!(light, Light::Sun { .. }) || matches!(light, Light::Lamp(lamp) if lamp.radius > 0.0)
 }
 
-/// A point of the unit ball with density 1 / sqrt(1 - r^2): the ball's points are those of a sphere in four dimensions, seen from
-/// one of them. The last digits of `u` give a third number.
+/// Samples a point of the unit ball with density proportional to 1 / sqrt(1 - r^2), which is the orthogonal
+/// projection of a uniform point of the unit 3-sphere in four dimensions. The last digits of `u` supply the
+/// third random number.
 fn point_of_ball(u: Vec2) -> Vec3 {
     let (a, b) = (TAU * u.y, TAU * (u.y * 4096.0).fract());
     let r = u.x.sqrt();
     Vec3::new(r * a.cos(), r * a.sin(), (1.0 - u.x).max(0.0).sqrt() * b.cos())
 }
 
-/// A pattern's factor of the intensity towards a unit direction in the lamp's space.
+/// Returns a pattern's factor of the intensity towards a unit direction in the lamp's space.
 fn pattern_factor(pattern: &Pattern, d: Vec3) -> Vec3 {
     let [width, height] = [pattern.width, pattern.height].map(|n| n as i64);
     let bilinear = |x: f32, y: f32, wrap: bool| {
@@ -340,14 +349,15 @@ fn pattern_factor(pattern: &Pattern, d: Vec3) -> Vec3 {
     }
 }
 
-/// A table of powers. Those that are not finite are planted errors: they are sampled like any other and show up in the image.
+/// Returns the sampling table of powers. Powers that are not finite, which the tests plant as errors, are
+/// replaced by 1, so that such lights are sampled and show up in the image.
 fn table(powers: impl Iterator<Item = f32>) -> Table {
     Table::new(&powers.map(|p| if p.is_finite() { p.max(0.0) } else { 1.0 }).collect::<Vec<_>>())
 }
 
-/// How strongly a spot light shines along unit `w`.
+/// Returns a spot light's factor of the intensity towards the unit direction `w`.
 fn spot_strength(axis: Vec3, w: Vec3, inner: f32, outer: f32, falloff: SpotFalloff) -> f32 {
-    // 1 - cos of the angle between them, without cancellation.
+    // Computes 1 - cos of the angle between the vectors without cancellation.
     let height = 0.5 * axis.distance_squared(w);
     let [full, dark] = [inner, outer].map(versine);
     match falloff {
@@ -364,7 +374,8 @@ fn area(geometry: &Geometry, triangle: u32) -> f32 {
     0.5 * (b - a).cross(c - a).length()
 }
 
-/// Weights of the second and third corner, uniform over the triangle (Heitz 2019, a low-distortion map).
+/// Returns the barycentric weights of the second and third corner, uniform over the triangle (Heitz 2019, "A
+/// Low-Distortion Map Between Triangle and Square").
 fn uniform_triangle(u: Vec2) -> [f32; 2] {
     if u.y > u.x {
         let b = 0.5 * u.x;
@@ -385,7 +396,7 @@ mod tests {
         let at = |angle: f32, inner: f32, outer: f32, shape: SpotFalloff| {
             spot_strength(Vec3::Y, Vec3::new(0.0, angle.cos(), angle.sin()), inner, outer, shape)
         };
-        // Also narrower than 32 bits of a cosine can tell.
+        // These cones are also narrower than the cosine's resolution in 32 bits.
         for scale in [1.0, 1e-3, 1e-5, 1e-7] {
             let (inner, outer) = (0.3 * scale, 0.7 * scale);
             for shape in [CosineSquared, AngleLinear] {
@@ -404,7 +415,7 @@ mod tests {
 
     #[test]
     fn points_of_a_triangle_are_uniform() {
-        // Mean and second moments of barycentric weights: 1/3 and 1/6.
+        // Mean and second moment of barycentric weights are 1/3 and 1/6.
         let n = 256;
         let mut sums = [0.0_f64; 4];
         for i in 0..n * n {

@@ -1,10 +1,12 @@
-//! The GGX distribution (Trowbridge and Reitz; Walter et al. 2007) in a frame whose z is the shading normal, and Fresnel terms.
+//! The GGX microfacet distribution (Trowbridge and Reitz 1975; Walter et al. 2007) in a frame whose z is the
+//! shading normal, and Fresnel terms.
 
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-/// D of a half vector, z > 0. Written in x and y, which keep their digits where z rounds to 1.
+/// Normal distribution function D of a half vector with z > 0. It is written in x and y, which keep their
+/// precision where z rounds to 1.
 #[must_use]
 pub fn d(h: Vec3, alpha: f32) -> f32 {
     let a2 = alpha * alpha;
@@ -12,31 +14,31 @@ pub fn d(h: Vec3, alpha: f32) -> f32 {
     1.0 / (PI * a2 * s * s)
 }
 
-/// Smith's Lambda of a direction, on either side.
+/// Smith's Lambda of a direction on either side.
 fn lambda(w: Vec3, alpha: f32) -> f32 {
     let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
 }
 
-/// Smith's masking of one direction.
+/// Smith's masking function G1 of one direction.
 #[must_use]
 pub fn g1(w: Vec3, alpha: f32) -> f32 {
     1.0 / (1.0 + lambda(w, alpha))
 }
 
-/// Smith's masking and shadowing, correlated by height (Heitz 2014, eq. 99).
+/// Smith's height-correlated masking-shadowing function G2 (Heitz 2014, eq. 99).
 #[must_use]
 pub fn g2(wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
     1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha))
 }
 
-/// Density per solid angle of a reflection off a visible normal: G1 D / (4 cos_o) (Heitz 2018, eq. 17).
+/// Density per solid angle of reflection off a visible normal: G1 D / (4 cos_o) (Heitz 2018, eq. 17).
 #[must_use]
 pub fn reflection_pdf_w(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
     g1(wo, alpha) * d(h, alpha) / (4.0 * wo.z)
 }
 
-/// A visible normal, from spherical caps (Dupuy and Benyoub 2023).
+/// Samples a visible normal by spherical caps (Dupuy and Benyoub 2023).
 #[must_use]
 pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
     let stretched = Vec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
@@ -47,28 +49,29 @@ pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
     Vec3::new(h.x * alpha, h.y * alpha, h.z.max(0.0)).normalize()
 }
 
-/// Cosine of the refracted direction beyond a facet, where the index of refraction is `eta` relative to this side; 0 where all is
-/// reflected.
+/// Returns the cosine of the refracted direction, where the far side's index of refraction is `eta` relative
+/// to this side; 0 for total internal reflection.
 #[must_use]
 pub fn refracted_cos(cos: f32, eta: f32) -> f32 {
     (1.0 - (1.0 - cos * cos) / (eta * eta)).max(0.0).sqrt()
 }
 
-/// The direction beyond a facet from which light is refracted towards `wo` (Snell's law).
+/// Returns the direction on the far side of a facet from which light is refracted towards `wo` (Snell's law).
 #[must_use]
 pub fn refract(wo: Vec3, h: Vec3, eta: f32) -> Vec3 {
     let cos = wo.dot(h);
     h * (cos / eta - refracted_cos(cos, eta)) - wo / eta
 }
 
-/// (1 - cos)^5 of Schlick's approximation.
+/// Returns (1 - cos)^5 of Schlick's approximation.
 #[must_use]
 pub fn schlick_weight(cos: f32) -> f32 {
     let c = (1.0 - cos).clamp(0.0, 1.0);
     c * c * c * c * c
 }
 
-/// Reflectance of a smooth dielectric for unpolarized light; `eta` relative to the side of the light, `cos` on that side.
+/// Reflectance of a smooth dielectric for unpolarized light. `cos` is measured on the side of incidence, and
+/// `eta` is the other side's index of refraction relative to it.
 #[must_use]
 pub fn fresnel_dielectric(cos: f32, eta: f32) -> f32 {
     let cos_t = refracted_cos(cos, eta);
@@ -80,8 +83,8 @@ pub fn fresnel_dielectric(cos: f32, eta: f32) -> f32 {
     0.5 * (parallel * parallel + perpendicular * perpendicular)
 }
 
-/// Reflectance of a conductor for unpolarized light, index of refraction eta + i k relative to the outside
-/// (Born and Wolf, section 14.2, in the form of Lagarde's "Memo on Fresnel equations").
+/// Reflectance of a conductor for unpolarized light with index of refraction eta + i k relative to the
+/// outside (Born and Wolf, section 14.2, in the form of Lagarde's "Memo on Fresnel equations").
 #[must_use]
 pub fn fresnel_conductor(cos: f32, eta: Vec3, k: Vec3) -> Vec3 {
     let cos2 = cos * cos;
@@ -99,8 +102,8 @@ pub fn fresnel_conductor(cos: f32, eta: Vec3, k: Vec3) -> Vec3 {
     0.5 * (parallel + perpendicular)
 }
 
-/// Mean reflectance of a smooth dielectric for diffuse light from inside, where `eta` is the inside's relative to the outside:
-/// 2 int F(cos, 1 / eta) cos dcos, midpoints in cos^2.
+/// Mean reflectance of a smooth dielectric for diffuse light from inside, where `eta` is the inside's index
+/// of refraction relative to the outside: 2 int F(cos, 1 / eta) cos dcos, by the midpoint rule in cos^2.
 #[must_use]
 pub fn internal_diffuse_reflectance(eta: f32) -> f32 {
     let n = 4096;
@@ -115,7 +118,7 @@ mod tests {
     #[test]
     fn distribution_of_normals_projects_to_one() {
         for alpha in [0.05, 0.3, 1.0] {
-            // int D cos dw, midpoints in tan(theta) / alpha = x / (1 - x).
+            // Integrates int D cos dw by the midpoint rule in x, with tan(theta) / alpha = x / (1 - x).
             let n = 20_000;
             let mut sum = 0.0_f64;
             for i in 0..n {
@@ -123,7 +126,7 @@ mod tests {
                 let tan = alpha * x / (1.0 - x);
                 let cos = 1.0 / (1.0 + tan * tan).sqrt();
                 let dtan = alpha / ((1.0 - x) * (1.0 - x)) / n as f32;
-                // dw = 2 pi sin dtheta, dtheta = cos^2 dtan.
+                // dw = 2 pi sin dtheta and dtheta = cos^2 dtan.
                 let sin = tan * cos;
                 sum += f64::from(d(Vec3::new(sin, 0.0, cos), alpha) * cos * TAU * sin * cos * cos * dtan);
             }
@@ -135,12 +138,13 @@ mod tests {
     fn fresnel_at_known_angles() {
         assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-6);
         assert!((fresnel_dielectric(0.0, 1.5) - 1.0).abs() < 1e-6);
-        // Brewster's angle, tan = eta: half of the perpendicular part, ((eta^2 - 1) / (eta^2 + 1))^2 / 2.
+        // At Brewster's angle, tan = eta, F is half the perpendicular part, ((eta^2 - 1) / (eta^2 + 1))^2 /
+        // 2.
         let brewster = 1.0 / (1.0_f32 + 2.25).sqrt();
         assert!((fresnel_dielectric(brewster, 1.5) - 0.5 * (1.25_f32 / 3.25).powi(2)).abs() < 1e-6);
         assert_eq!(fresnel_dielectric(0.3, 1.0 / 1.5), 1.0, "beyond the critical angle");
         let gold = fresnel_conductor(1.0, Vec3::splat(0.2), Vec3::splat(3.0)).x;
-        // ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2).
+        // At normal incidence F = ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2).
         assert!((gold - (0.64 + 9.0) / (1.44 + 9.0)).abs() < 1e-5);
         for cos in [0.1, 0.5, 0.9] {
             let as_conductor = fresnel_conductor(cos, Vec3::splat(1.5), Vec3::ZERO).x;
@@ -150,7 +154,8 @@ mod tests {
 
     #[test]
     fn internal_reflectance_follows_from_the_external_one() {
-        // Reciprocity: eta^2 (1 - F_in) = 1 - F_out, with F_out = 2 int F(cos, eta) cos dcos. Diffuse glass: F_in about 0.596.
+        // Reciprocity requires eta^2 (1 - F_in) = 1 - F_out, with F_out = 2 int F(cos, eta) cos dcos. For eta
+        // = 1.5, F_in is about 0.596.
         for eta in [1.2, 1.5, 2.0] {
             let n = 4096;
             let out =

@@ -1,12 +1,12 @@
-//! The judge: a CPU path tracer that shares no code with the GPU side.
+//! The reference: a CPU path tracer that shares no code with the GPU renderers.
 //!
-//! Unidirectional paths with next-event estimation, multiple importance sampling and Russian roulette over every material and
-//! light of [`crate::scene`]. GGX widths below [`crate::scene::SMOOTH`] are perfect mirrors and windows. Unbiased but for f32
-//! rounding and a step of 1e-6 of a coordinate's size off the surface. The same settings give the same image on any number of
-//! threads.
+//! It traces unidirectional paths with next-event estimation, multiple importance sampling and Russian
+//! roulette over every material and light of [`crate::scene`]. GGX widths below [`crate::scene::SMOOTH`] are
+//! specular. It is unbiased up to f32 rounding and a ray offset of 1e-6 of a coordinate's magnitude. The same
+//! settings give the same image on any number of threads.
 //!
-//! [`Reference`] is built once per scene; [`Reference::render`] makes images, [`Reference::closest_hit`] and
-//! [`Reference::occluded`] answer single rays for tests of other visibility methods.
+//! [`Reference`] is built once per scene. [`Reference::render`] renders images; [`Reference::closest_hit`]
+//! and [`Reference::occluded`] trace single rays for tests of other visibility methods.
 
 pub mod bsdf;
 pub mod bvh;
@@ -41,19 +41,19 @@ use self::lights::Lights;
 use self::sampler::Sampler;
 use self::surface::Surfaces;
 
-/// Side of the square of pixels that one task renders.
+/// Side of the square tile of pixels that one task renders.
 const TILE: u32 = 16;
 
-/// How to render.
+/// Settings of a reference image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReferenceSettings {
-    /// Columns.
+    /// Columns of the image.
     pub width: u32,
-    /// Rows.
+    /// Rows of the image.
     pub height: u32,
     /// Paths per pixel; powers of two are stratified best.
     pub samples: u32,
-    /// Indirect bounces, 0 is direct light only; none: as many as Russian roulette lets live.
+    /// Number of indirect bounces, 0 for direct light only; none leaves path lengths to Russian roulette.
     pub bounces: Option<u32>,
     /// Seed of all random numbers.
     pub seed: u32,
@@ -61,32 +61,33 @@ pub struct ReferenceSettings {
     pub camera: usize,
 }
 
-/// What rendering gave.
+/// Result of rendering.
 #[derive(Clone, Debug)]
 pub struct ReferenceOutput {
     /// The image.
     pub film: Film,
-    /// Paths whose radiance was not finite. They are in the film as they are: nothing is masked.
+    /// Number of paths whose radiance was not finite. Their radiance is added to the film unchanged, so that
+    /// errors stay visible.
     pub non_finite: u64,
-    /// Rays traced: camera, bounces and shadows.
+    /// Number of camera, indirect and shadow rays.
     pub rays: u64,
 }
 
-/// A scene made ready for tracing.
+/// A scene prepared for ray tracing.
 pub struct Reference<'s> {
     scene: &'s Scene,
-    /// Instead of the scene's own.
+    /// Camera in place of the scene's own.
     camera: Option<Camera>,
     surfaces: Surfaces<'s>,
     sky: Option<Sky<'s>>,
     lights: Lights<'s>,
     bvh: Bvh,
-    /// Whether rays can run into light: emissive surfaces or a sky.
+    /// True if rays can hit emission: emissive surfaces or a sky.
     emitters_can_be_hit: bool,
 }
 
 impl<'s> Reference<'s> {
-    /// Flattens the scene and builds its hierarchy and tables.
+    /// Flattens the scene and builds its bounding volume hierarchy and sampling tables.
     #[must_use]
     pub fn new(scene: &'s Scene) -> Self {
         let surfaces = Surfaces::new(scene);
@@ -101,27 +102,27 @@ impl<'s> Reference<'s> {
         Self { scene, camera: None, surfaces, sky, lights, bvh, emitters_can_be_hit }
     }
 
-    /// Looks from elsewhere in the same scene, whatever camera the settings name.
+    /// Replaces the camera, whichever one the settings name.
     pub fn look(&mut self, camera: Camera) {
         self.camera = Some(camera);
     }
 
-    /// The rays of an image.
+    /// Returns the camera rays of an image.
     fn rays(&self, settings: &ReferenceSettings) -> Rays {
         let camera = self.camera.as_ref().unwrap_or_else(|| &self.scene.cameras[settings.camera]);
         Rays::new(camera, settings.width, settings.height)
     }
 
-    /// The triangles that all indices refer to.
+    /// Returns the triangles that all indices refer to.
     #[must_use]
     pub fn geometry(&self) -> &Geometry {
         &self.surfaces.geometry
     }
 
-    /// Renders an image. `progress` hears how many of how many pixels are done, from any thread.
+    /// Renders an image. `progress` receives the numbers of finished and of all pixels, from any thread.
     ///
     /// # Panics
-    /// If the scene has no camera of that index.
+    /// Panics if the scene has no camera of that index.
     #[must_use]
     pub fn render(&self, settings: &ReferenceSettings, progress: &(dyn Fn(u64, u64) + Sync)) -> ReferenceOutput {
         let mut rounds = Rounds::new(*settings);
@@ -129,8 +130,9 @@ impl<'s> Reference<'s> {
         ReferenceOutput { film: rounds.film(), non_finite: rounds.non_finite, rays: rounds.rays }
     }
 
-    /// Adds these samples of each pixel's sequence to the pixel's sum, one after the other. Returns how many
-    /// were not finite, and the rays traced. Panics if the scene has no camera of that index.
+    /// Adds a range of samples of each pixel's sequence to the pixel's sum, in sequence order. Returns the
+    /// number of samples that were not finite and the number of rays. Panics if the scene has no camera of
+    /// that index.
     fn add_range(
         &self,
         settings: &ReferenceSettings,
@@ -181,8 +183,8 @@ impl<'s> Reference<'s> {
         counts
     }
 
-    /// What a ray meets first, alpha masks cut out, leaving out the triangle that it starts on. The direction need not have
-    /// unit length; `t` counts in its lengths.
+    /// Returns the closest hit of a ray, ignoring the triangle that it starts on and the holes of alpha
+    /// masks. The direction need not have unit length; `t` is in units of its length.
     #[must_use]
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, exclude: Option<u32>) -> Option<Hit> {
         let exclude = exclude.unwrap_or(NONE);
@@ -190,31 +192,32 @@ impl<'s> Reference<'s> {
         self.bvh.closest(origin, direction, f32::INFINITY, exclude, |hit| self.surfaces.solid(hit))
     }
 
-    /// What a camera at `origin` sees along a unit direction: as [`Self::closest_hit`], but through culled backs.
+    /// Returns the closest hit of a camera ray: as [`Self::closest_hit`], but culled back faces are
+    /// transparent.
     #[must_use]
     pub fn first_hit(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
         self.bvh.closest(origin, direction, f32::INFINITY, NONE, |hit| self.visible(hit, direction, 0))
     }
 
-    /// Radiance that a surface sends back along a ray's direction by itself.
+    /// Returns the emitted radiance of a surface against a ray's direction.
     #[must_use]
     pub fn emitted(&self, hit: &Hit, direction: Vec3) -> Vec3 {
         self.surfaces.emitted(hit, self.normal(hit.triangle).dot(direction) < 0.0)
     }
 
-    /// The material of a triangle.
+    /// Returns the material of a triangle.
     #[must_use]
     pub fn material(&self, triangle: u32) -> &Material {
         self.surfaces.material(triangle)
     }
 
-    /// The unit normal of a triangle, on the side from which its corners are counter-clockwise.
+    /// Returns the unit normal of a triangle, on the side from which its corners are counter-clockwise.
     #[must_use]
     pub fn normal(&self, triangle: u32) -> Vec3 {
         self.surfaces.normals[triangle as usize]
     }
 
-    /// Whether anything lies between two points, leaving out the triangles that they are on.
+    /// Returns true if the segment between two points is occluded, ignoring the triangles that they are on.
     #[must_use]
     pub fn occluded(&self, p: Vec3, q: Vec3, exclude_p: Option<u32>, exclude_q: Option<u32>) -> bool {
         let (exclude_p, exclude_q) = (exclude_p.unwrap_or(NONE), exclude_q.unwrap_or(NONE));
@@ -224,8 +227,9 @@ impl<'s> Reference<'s> {
         self.bvh.any(start, end - start, 1.0, [exclude_p, exclude_q], solid)
     }
 
-    /// A point moved off its triangle to the side that a ray leaves for, by 1e-6 of its size: more than it was rounded by, so that
-    /// neighbours in the same plane, or a twin facing the other way, are not met either.
+    /// Offsets a ray's origin from its triangle to the side that the ray leaves to, by 1e-6 of the
+    /// coordinates' magnitude. This exceeds their rounding error, so that coplanar neighbours and coincident
+    /// triangles that face the other way are not hit either.
     fn step_off(&self, point: Vec3, direction: Vec3, triangle: u32) -> Vec3 {
         let Some(normal) = self.surfaces.normals.get(triangle as usize) else { return point };
         let size = point.abs().max_element() * (8.0 * f32::EPSILON);
@@ -234,7 +238,7 @@ impl<'s> Reference<'s> {
 }
 
 struct Tile {
-    /// Sums over the samples.
+    /// Sums of the samples of a tile.
     pixels: Vec<[f64; 3]>,
     non_finite: u64,
     rays: u64,

@@ -1,49 +1,53 @@
-//! One path from the camera: light met by chance and light sampled at every vertex, weighted by the power heuristic.
+//! Traces one camera path: BSDF sampling and next-event estimation at every vertex, combined by the power
+//! heuristic.
 //!
-//! Vertex 0 is what the camera sees. Light that a ray runs into at vertex i has bounced i - 1 times, light sampled at vertex i
-//! has bounced i times. Where the shading normal differs from the triangle's, light passes only if each direction is on the same
-//! side of both.
+//! Vertex 0 is the first hit of the camera ray. Emission that BSDF sampling hits at vertex i has bounced i -
+//! 1 times; light sampled at vertex i has bounced i times. Where shading and geometric normal differ, a
+//! direction contributes only if it is on the same side of both.
 //!
-//! A path remembers which medium it entered last, and a surface's back says which medium lies before it; so nested volumes lose
-//! what the outer one absorbs only between an inner one's exit and something that is not a volume.
+//! A path stores only the medium that it entered last, and a surface's back side names the medium in front of
+//! it. Nested volumes therefore lose the outer volume's absorption only between the exit from an inner one
+//! and the next surface that is not a volume boundary.
 
 use glam::{Vec2, Vec3};
 
 use super::Reference;
 use super::bsdf::Bsdf;
 use super::bvh::{Hit, NONE};
+use super::environment::Sky;
 use super::lights::{Group, LightSample, Target};
 use super::sampler::Sampler;
 use super::surface::Surface;
 use crate::scene::Sides;
 
-/// Vertices before Russian roulette begins.
+/// Number of vertices before Russian roulette starts.
 const ROULETTE_FROM: u32 = 3;
 
-/// What one path brought back.
+/// Result of one path.
 pub struct Path {
     /// Radiance towards the camera.
     pub radiance: Vec3,
-    /// Rays traced.
+    /// Number of rays traced.
     pub rays: u32,
 }
 
-/// A vertex of a path, as light arrives there.
+/// A vertex of a path, for direct lighting.
 struct Vertex<'v> {
     surface: &'v Surface<'v>,
     hit: &'v Hit,
     bsdf: &'v Bsdf,
     wo: Vec3,
-    /// What is absorbed per metre on the viewer's side and beyond.
+    /// Absorption coefficients on the viewer's side and on the far side, 1/m.
     media: [Vec3; 2],
 }
 
-/// Beer's law over a distance, which may be infinite.
+/// Transmittance by Beer's law over a distance, which may be infinite.
 fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
     if absorption == Vec3::ZERO { Vec3::ONE } else { (-absorption * distance.min(f32::MAX)).exp() }
 }
 
-/// Veach's power heuristic with exponent 2, for densities of the same path by two techniques.
+/// Power heuristic with exponent 2 for the densities of the same path by two techniques (Veach 1997, section
+/// 9.2).
 fn power_heuristic(taken: f32, other: f32) -> f32 {
     if taken.is_infinite() {
         return 1.0;
@@ -53,16 +57,15 @@ fn power_heuristic(taken: f32, other: f32) -> f32 {
 }
 
 impl Reference<'_> {
-    /// Follows a path that leaves the camera along a unit direction.
+    /// Traces a path that leaves the camera along a unit direction.
     pub(super) fn path(&self, origin: Vec3, direction: Vec3, bounces: Option<u32>, sampler: &mut Sampler) -> Path {
         let mut path = Path { radiance: Vec3::ZERO, rays: 0 };
         let mut throughput = Vec3::ONE;
         let mut medium = Vec3::ZERO;
         let (mut origin, mut direction, mut exclude) = (origin, direction, NONE);
-        // Density of the last direction, once there is a technique that it competes with, and the vertex where it was drawn.
+        // Density of the last direction; none for camera rays and smooth lobes, which no other technique
+        // samples.
         let mut pdf_w = None;
-        // Light samples of a group that a vertex takes, on average.
-        let light_samples = |vertex: u32, group| if vertex == 0 { 1.0 } else { self.lights.group_probability(group) };
         for vertex in 0.. {
             path.rays += 1;
             let start = self.step_off(origin, direction, exclude);
@@ -70,9 +73,7 @@ impl Reference<'_> {
                 self.bvh.closest(start, direction, f32::INFINITY, exclude, |hit| self.visible(hit, direction, vertex))
             else {
                 if let Some(sky) = &self.sky {
-                    let weight = pdf_w.map_or(1.0, |pdf| {
-                        power_heuristic(pdf, light_samples(vertex - 1, Group::Sky) * sky.pdf_w(direction))
-                    });
+                    let weight = pdf_w.map_or(1.0, |pdf| self.sky_mis_weight(sky, vertex, pdf, direction));
                     path.radiance += throughput * sky.radiance(direction) * weight;
                 }
                 break;
@@ -81,14 +82,12 @@ impl Reference<'_> {
             let [here, beyond] = surface.media(medium);
             throughput *= transmittance(here, hit.t);
 
-            // Light that the ray ran into.
+            // BSDF sampling: adds the emission of the surface that the ray has hit.
             let emitted = self.surfaces.emitted(&hit, surface.front);
             if emitted != Vec3::ZERO {
                 let weight = pdf_w.map_or(1.0, |pdf| {
                     let cos = surface.normal.dot(direction).abs();
-                    let distance = surface.position.distance(origin);
-                    let light_pdf_w = self.lights.triangle_pdf_w(hit.triangle, hit.bary, distance, cos);
-                    power_heuristic(pdf, light_samples(vertex - 1, Group::Triangles) * light_pdf_w)
+                    self.emitter_mis_weight(vertex, pdf, &hit, surface.position.distance(origin), cos)
                 });
                 path.radiance += throughput * emitted * weight;
             }
@@ -101,29 +100,13 @@ impl Reference<'_> {
                 break;
             }
 
-            // Light that is looked for.
-            let mut look = |group, chance, u| {
-                let vertex = Vertex { surface: &surface, hit: &hit, bsdf: &bsdf, wo, media: [here, beyond] };
-                path.radiance += throughput * self.direct(&vertex, (group, chance, u), &mut path.rays);
-            };
-            match *self.lights.groups() {
-                [] => (),
-                _ if bsdf.smooth(wo) => (),
-                [group] => look(group, 1.0, if self.lights.random(group) { sampler.pair() } else { Vec2::ZERO }),
-                ref groups if vertex == 0 => {
-                    groups.iter().for_each(|&group| look(group, 1.0, sampler.pair()));
-                }
-                _ => {
-                    let u = sampler.pair();
-                    let (group, chance, x) = self.lights.choose_group(u.x);
-                    look(group, chance, Vec2::new(x, u.y));
-                }
-            }
+            let shaded = Vertex { surface: &surface, hit: &hit, bsdf: &bsdf, wo, media: [here, beyond] };
+            self.add_direct_light(&mut path, &shaded, vertex, throughput, sampler);
             if bounces == Some(vertex) && !self.emitters_can_be_hit {
                 break;
             }
 
-            // The way on.
+            // BSDF sampling: chooses the next direction.
             let u = sampler.pair();
             let fork = if bsdf.transmits() { sampler.pair().x } else { 0.0 };
             let Some(sample) = bsdf.sample(wo, u, fork) else { break };
@@ -133,7 +116,7 @@ impl Reference<'_> {
             }
             throughput *= sample.weight;
             if vertex >= ROULETTE_FROM {
-                // Radiance that is only denser or thinner in the other medium is not lost.
+                // Without eta^2, the change of radiance between media would count as loss of energy.
                 let kept = sample.weight.max_element() * sample.eta * sample.eta;
                 let survival = kept.min(0.95);
                 if sampler.pair().x >= survival {
@@ -151,7 +134,47 @@ impl Reference<'_> {
         path
     }
 
-    /// Whether a path's ray stops at a hit: not in the holes of a mask, and the camera sees through culled backs, except of glass.
+    /// Expected number of light samples that a vertex takes from a group.
+    fn light_samples(&self, vertex: u32, group: Group) -> f32 {
+        if vertex == 0 { 1.0 } else { self.lights.group_probability(group) }
+    }
+
+    /// Returns the MIS weight of BSDF sampling against sampling the sky, for a ray that leaves the scene
+    /// before vertex `vertex`.
+    fn sky_mis_weight(&self, sky: &Sky, vertex: u32, pdf_w: f32, direction: Vec3) -> f32 {
+        power_heuristic(pdf_w, self.light_samples(vertex - 1, Group::Sky) * sky.pdf_w(direction))
+    }
+
+    /// Returns the MIS weight of BSDF sampling against sampling the emitter that the ray hits at vertex
+    /// `vertex`.
+    fn emitter_mis_weight(&self, vertex: u32, pdf_w: f32, hit: &Hit, distance: f32, cos: f32) -> f32 {
+        let light_pdf_w = self.lights.triangle_pdf_w(hit.triangle, hit.bary, distance, cos);
+        power_heuristic(pdf_w, self.light_samples(vertex - 1, Group::Triangles) * light_pdf_w)
+    }
+
+    /// Adds next-event estimation at a vertex. Vertex 0 takes one sample of each group; later vertices choose
+    /// one.
+    fn add_direct_light(&self, path: &mut Path, shaded: &Vertex, vertex: u32, throughput: Vec3, sampler: &mut Sampler) {
+        let mut add = |group, probability, u| {
+            path.radiance += throughput * self.direct(shaded, (group, probability, u), &mut path.rays);
+        };
+        match *self.lights.groups() {
+            [] => (),
+            _ if shaded.bsdf.smooth(shaded.wo) => (),
+            [group] => add(group, 1.0, if self.lights.random(group) { sampler.pair() } else { Vec2::ZERO }),
+            ref groups if vertex == 0 => {
+                groups.iter().for_each(|&group| add(group, 1.0, sampler.pair()));
+            }
+            _ => {
+                let u = sampler.pair();
+                let (group, probability, x) = self.lights.choose_group(u.x);
+                add(group, probability, Vec2::new(x, u.y));
+            }
+        }
+    }
+
+    /// Returns true if a path's ray stops at a hit. It passes through the holes of alpha masks; camera rays
+    /// also pass through culled back faces, except those of dielectrics.
     pub(super) fn visible(&self, hit: &Hit, direction: Vec3, vertex: u32) -> bool {
         let material = self.surfaces.material(hit.triangle);
         let culled = vertex == 0
@@ -161,8 +184,9 @@ impl Reference<'_> {
         !culled && self.surfaces.solid(hit)
     }
 
-    /// One light sample at a vertex, of a group that was chosen with a probability.
-    fn direct(&self, vertex: &Vertex, (group, chance, u): (Group, f32, Vec2), rays: &mut u32) -> Vec3 {
+    /// Returns the contribution of one light sample at a vertex, from a group that was chosen with a
+    /// probability.
+    fn direct(&self, vertex: &Vertex, (group, probability, u): (Group, f32, Vec2), rays: &mut u32) -> Vec3 {
         let &Vertex { surface, hit, bsdf, wo, media: [here, beyond] } = vertex;
         let (geometry, sky) = (&self.surfaces.geometry, self.sky.as_ref());
         let facing = (!bsdf.transmits()).then_some(surface.frame.z);
@@ -200,10 +224,11 @@ impl Reference<'_> {
         value
             * arriving
             * transmittance(if wi.z > 0.0 { here } else { beyond }, distance)
-            * (sample.pdf_w.map_or(1.0, |light_pdf_w| power_heuristic(chance * light_pdf_w, pdf_w)) / chance)
+            * (sample.pdf_w.map_or(1.0, |light_pdf_w| power_heuristic(probability * light_pdf_w, pdf_w)) / probability)
     }
 
-    /// What a light with extent sends from the sampled point; 1 for the others, whose weight says all.
+    /// Returns the radiance that an area light or the sky emits from the sampled point; 1 for other lights,
+    /// whose weight includes it.
     fn radiance_of(&self, sample: &LightSample) -> Vec3 {
         match (sample.pdf_w, sample.target) {
             (None, _) => Vec3::ONE,

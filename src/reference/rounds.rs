@@ -1,34 +1,35 @@
-//! A picture by the reference that grows round by round.
+//! Progressive rendering with the reference.
 
 use super::{Reference, ReferenceSettings};
 use crate::film::Film;
 
-/// The mean of all samples so far: the same bytes as of one round of as many.
+/// The mean of all samples so far, bit for bit the same as if they were rendered in one round.
 pub struct Rounds {
     settings: ReferenceSettings,
     sum: Vec<[f64; 3]>,
     samples: u32,
-    /// Paths whose radiance was not finite.
+    /// Number of paths whose radiance was not finite.
     pub non_finite: u64,
-    /// Rays traced.
+    /// Number of rays traced.
     pub rays: u64,
 }
 
 impl Rounds {
-    /// A picture without samples. `settings.samples` has no meaning here.
+    /// Creates a picture without samples. `settings.samples` is not used.
     #[must_use]
     pub fn new(settings: ReferenceSettings) -> Self {
         let pixels = settings.width as usize * settings.height as usize;
         Self { settings, sum: vec![[0.0; 3]; pixels], samples: 0, non_finite: 0, rays: 0 }
     }
 
-    /// Samples of each pixel so far.
+    /// Returns the number of samples per pixel so far.
     #[must_use]
     pub fn samples(&self) -> u32 {
         self.samples
     }
 
-    /// Adds samples to each pixel. `progress` hears how many of how many pixels are done, from any thread.
+    /// Adds samples to each pixel. `progress` receives the numbers of finished and of all pixels, from any
+    /// thread.
     pub fn add(&mut self, reference: &Reference, samples: u32, progress: &(dyn Fn(u64, u64) + Sync)) {
         let range = self.samples..self.samples + samples;
         let [non_finite, rays] = reference.add_range(&self.settings, &range, &mut self.sum, progress);
@@ -37,7 +38,7 @@ impl Rounds {
         self.rays += rays;
     }
 
-    /// The picture so far; black where there are no samples.
+    /// Returns the picture so far; black without samples.
     #[must_use]
     pub fn film(&self) -> Film {
         let count = f64::from(self.samples.max(1));

@@ -1,27 +1,27 @@
-//! What a path meets at a hit: position, normals, material.
+//! Surface interactions: position, normals and material at a hit.
 
 use glam::{Vec2, Vec3};
 
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::texture::Textures;
-use crate::scene::geometry::Vertex;
+use crate::scene::model::geometry::Vertex;
 use crate::scene::{Boundary, Geometry, Material, NormalMap, Scene, Sides};
 
-/// An orthonormal frame around a shading normal.
+/// An orthonormal basis around a shading normal.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     x: Vec3,
     y: Vec3,
-    /// The normal.
+    /// The shading normal.
     pub z: Vec3,
 }
 
 impl Frame {
-    /// The axes.
+    /// The coordinate axes.
     pub const UP: Self = Self { x: Vec3::X, y: Vec3::Y, z: Vec3::Z };
 
-    /// A frame around a unit vector (Duff et al., JCGT 2017).
+    /// Builds a basis around a unit vector (Duff et al., JCGT 2017).
     #[must_use]
     pub fn new(z: Vec3) -> Self {
         let sign = 1.0_f32.copysign(z.z);
@@ -34,39 +34,40 @@ impl Frame {
         }
     }
 
-    /// Into the frame.
+    /// Transforms a vector from world space into the basis.
     #[must_use]
     pub fn local(&self, w: Vec3) -> Vec3 {
         Vec3::new(w.dot(self.x), w.dot(self.y), w.dot(self.z))
     }
 
-    /// Out of the frame.
+    /// Transforms a vector from the basis into world space.
     #[must_use]
     pub fn world(&self, w: Vec3) -> Vec3 {
         self.x * w.x + self.y * w.y + self.z * w.z
     }
 }
 
-/// A point of a surface, seen from one side.
+/// A point on a surface, seen from one side.
 pub struct Surface<'s> {
-    /// World space, on the triangle.
+    /// Position on the triangle, world space.
     pub position: Vec3,
-    /// Unit normal of the triangle, on the viewer's side.
+    /// Unit geometric normal on the viewer's side.
     pub normal: Vec3,
-    /// Around the shading normal, on the viewer's side.
+    /// Basis around the shading normal on the viewer's side.
     pub frame: Frame,
-    /// Whether the viewer sees the counter-clockwise side.
+    /// True if the viewer sees the counter-clockwise side.
     pub front: bool,
-    /// Texture coordinates.
+    /// Both sets of texture coordinates.
     pub uvs: [Vec2; 2],
-    /// Colour of the vertices, with alpha left out.
+    /// Interpolated vertex colour without alpha.
     pub vertex_color: Vec3,
-    /// The material's index and itself.
+    /// Index of the material, and the material.
     pub material: (usize, &'s Material),
 }
 
 impl Surface<'_> {
-    /// What is absorbed per metre before and beyond the surface, for a viewer who believes to be in a medium.
+    /// Returns the absorption coefficients on the viewer's side and on the far side, 1/m; `viewer` is that of
+    /// the path's current medium.
     #[must_use]
     pub fn media(&self, viewer: Vec3) -> [Vec3; 2] {
         let (_, material) = self.material;
@@ -83,11 +84,11 @@ impl Surface<'_> {
     }
 }
 
-/// Triangles and materials, ready for hits.
+/// Triangles and materials, prepared for shading.
 pub struct Surfaces<'s> {
     /// World-space triangles.
     pub geometry: Geometry,
-    /// Unit normals of the triangles, front side.
+    /// Unit geometric normals of the triangles, front side.
     pub normals: Vec<Vec3>,
     /// Textures of the materials.
     pub textures: Textures<'s>,
@@ -113,13 +114,13 @@ impl<'s> Surfaces<'s> {
         }
     }
 
-    /// The material of a triangle.
+    /// Returns the material of a triangle.
     #[must_use]
     pub fn material(&self, triangle: u32) -> &'s Material {
         &self.materials[self.geometry.materials[triangle as usize] as usize]
     }
 
-    /// Whether a point of a triangle is there at all, or cut out by an alpha mask.
+    /// Returns true if a hit is not cut out by the alpha mask.
     #[must_use]
     pub fn solid(&self, hit: &Hit) -> bool {
         let Some(mask) = &self.material(hit.triangle).alpha_mask else { return true };
@@ -128,14 +129,14 @@ impl<'s> Surfaces<'s> {
         self.textures.scalar(&mask.value, self.uvs(hit)) * alpha >= mask.cutoff
     }
 
-    /// Texture coordinates at a hit.
+    /// Returns the texture coordinates at a hit.
     #[must_use]
     pub fn uvs(&self, hit: &Hit) -> [Vec2; 2] {
         let corners = self.corners(hit.triangle);
         [0, 1].map(|set| hit.mix(corners.map(|c| c.uvs[set])))
     }
 
-    /// Radiance that a triangle sends out at a hit, to its front or to its back.
+    /// Returns the radiance that a triangle emits at a hit, on its front or its back side.
     #[must_use]
     pub fn emitted(&self, hit: &Hit, front: bool) -> Vec3 {
         match &self.material(hit.triangle).emission {
@@ -151,7 +152,7 @@ impl<'s> Surfaces<'s> {
         self.geometry.triangles[triangle as usize].map(|i| &self.geometry.vertices[i as usize])
     }
 
-    /// The surface at a hit, for a ray that came along `direction`.
+    /// Returns the surface at a hit of a ray along `direction`.
     #[must_use]
     pub fn at(&self, hit: &Hit, direction: Vec3) -> Surface<'s> {
         let corners = self.corners(hit.triangle);
@@ -186,7 +187,7 @@ impl<'s> Surfaces<'s> {
         }
     }
 
-    /// What a surface does with light; none where it is black.
+    /// Returns the BSDF of a surface; none for the black back of a one-sided material.
     #[must_use]
     pub fn bsdf(&self, surface: &Surface) -> Option<Bsdf> {
         let (index, material) = surface.material;
@@ -195,7 +196,8 @@ impl<'s> Surfaces<'s> {
     }
 }
 
-/// The direction in which u grows, and the sign that makes normal x tangent point up the image (v runs down it).
+/// Returns the direction of increasing u, and the sign for which normal x tangent points up the image (v
+/// points down).
 fn tangent_from_uv(p: [Vec3; 3], uv: [Vec2; 3], normal: Vec3) -> Option<(Vec3, f32)> {
     let (p1, p2) = (p[1] - p[0], p[2] - p[0]);
     let (t1, t2) = (uv[1] - uv[0], uv[2] - uv[0]);
@@ -208,7 +210,7 @@ fn tangent_from_uv(p: [Vec3; 3], uv: [Vec2; 3], normal: Vec3) -> Option<(Vec3, f
     Some((along_u, 1.0_f32.copysign(normal.cross(along_u).dot(up))))
 }
 
-/// The normal that a normal map asks for, or the old one where the map makes no sense.
+/// Applies a normal map; the shading normal stays where the result is degenerate.
 fn bend(map: &NormalMap, textures: &Textures, uvs: [Vec2; 2], normal: Vec3, tangent: Vec3, handedness: f32) -> Vec3 {
     let texel = textures.fetch(&map.texture, uvs).truncate() * 2.0 - 1.0;
     let Some(tangent) = (tangent - normal * normal.dot(tangent)).try_normalize() else { return normal };
@@ -237,13 +239,14 @@ mod tests {
 
     #[test]
     fn tangents_follow_u_and_bitangents_go_up_the_image() {
-        // A quad in xy, image upright: u along +x, v down, so up the image is +y.
+        // A quad in the xy plane with the image upright: u is along +x and v down, so that up the image is
+        // +y.
         let p = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let uv = [Vec2::new(0.0, 1.0), Vec2::new(1.0, 1.0), Vec2::new(0.0, 0.0)];
         let (tangent, handedness) = tangent_from_uv(p, uv, Vec3::Z).unwrap();
         assert!(tangent.distance(Vec3::X) < 1e-6);
         assert!((Vec3::Z.cross(tangent) * handedness).distance(Vec3::Y) < 1e-6);
-        // Mirrored in u: the tangent turns round and the bitangent stays.
+        // Mirroring u reverses the tangent and keeps the bitangent.
         let uv = uv.map(|t| Vec2::new(-t.x, t.y));
         let (tangent, handedness) = tangent_from_uv(p, uv, Vec3::Z).unwrap();
         assert!(tangent.distance(Vec3::NEG_X) < 1e-6);

@@ -1,4 +1,4 @@
-//! Texture look-ups: sRGB decoded before filtering, no mipmaps.
+//! Texture look-ups. sRGB is decoded before filtering; there are no mipmaps.
 
 use glam::{Vec2, Vec3, Vec4};
 
@@ -24,19 +24,19 @@ impl<'s> Textures<'s> {
         Self { images: &scene.images, textures: &scene.textures, linear_from_srgb: std::array::from_fn(decode) }
     }
 
-    /// A colour at a surface's coordinates.
+    /// Returns a colour at a surface's texture coordinates.
     #[must_use]
     pub fn color(&self, color: &Color, uvs: [Vec2; 2]) -> Vec3 {
         color.texture.map_or(color.factor, |t| color.factor * self.fetch(&t, uvs).truncate())
     }
 
-    /// A number at a surface's coordinates.
+    /// Returns a scalar at a surface's texture coordinates.
     #[must_use]
     pub fn scalar(&self, scalar: &Scalar, uvs: [Vec2; 2]) -> f32 {
         scalar.texture.map_or(scalar.factor, |(t, channel)| scalar.factor * self.fetch(&t, uvs)[channel as usize & 3])
     }
 
-    /// Linear RGBA at a surface's coordinates.
+    /// Returns linear RGBA at a surface's texture coordinates.
     #[must_use]
     pub fn fetch(&self, reference: &TextureRef, uvs: [Vec2; 2]) -> Vec4 {
         let texture = &self.textures[reference.texture];
@@ -74,9 +74,9 @@ impl<'s> Textures<'s> {
     }
 }
 
-/// The texel inside the image that stands for a whole-numbered coordinate. NaN is 0.
+/// Maps an integer texel coordinate into the image by the wrap mode. NaN maps to 0.
 fn wrap(at: f32, size: u32, mode: Wrap) -> usize {
-    // Beyond 2^30 coordinates have no fractional meaning left; the clamp keeps the arithmetic in range.
+    // Beyond 2^30 f32 coordinates have no fractional precision left; the clamp keeps the arithmetic in range.
     let at = at.clamp(-1_073_741_824.0, 1_073_741_824.0) as i64;
     let size = i64::from(size);
     (match mode {
@@ -122,7 +122,8 @@ mod tests {
         assert_eq!(fetch(&nearest, 0.99, 0.01), Vec4::new(1.0, 0.0, 0.0, 1.0));
         assert_eq!(fetch(&nearest, 0.01, -0.01), Vec4::new(0.0, 1.0, 0.0, 1.0));
         let linear = scene(Filter::Linear, Wrap::Clamp, false);
-        // Texel centres are met exactly; half way between two it is their mean; the edge is held outside.
+        // At a texel centre the result is that texel; halfway between two it is their mean; outside, the edge
+        // is repeated.
         assert_eq!(fetch(&linear, 0.75, 0.25), Vec4::new(1.0, 0.0, 0.0, 1.0));
         assert_eq!(fetch(&linear, 0.5, 0.0), Vec4::new(0.5, 0.0, 0.0, 1.0));
         let repeat = scene(Filter::Linear, Wrap::Repeat, false);

@@ -1,8 +1,9 @@
-//! Chooses a camera as a photographer would: objects from a three-quarter view a little above, flat things from their front,
-//! rooms from inside.
+//! Chooses a camera automatically: objects in a three-quarter view from a little above, flat objects from
+//! their front, rooms from inside.
 //!
-//! Rays on the CPU decide. Points on the surfaces say how much of the scene a view shows, and whether most of it can be seen from
-//! outside at all. Rays from points at eye height say whether these are closed in on all sides, and how far they see.
+//! The choice is made by ray casting on the CPU. Sample points on the surfaces measure the fraction of the
+//! scene that a view shows, and decide if most of it is visible from outside at all. Rays from points at eye
+//! height measure if these are enclosed, and the visible distance.
 
 use std::f32::consts::{PI, TAU};
 
@@ -13,93 +14,96 @@ use crate::reference::Reference;
 use crate::reference::bvh::Hit;
 use crate::scene::{Camera, FovAxis, Projection, Sides};
 
-/// Full angle of view along the shorter side, radians: a short telephoto lens for objects, a wide one for rooms.
+/// Full angle of view along the shorter side, radians: a short telephoto lens for objects, a wide-angle lens
+/// for rooms.
 const OBJECT_FOV: f32 = 35.0 * PI / 180.0;
 const ROOM_FOV: f32 = 65.0 * PI / 180.0;
 
-/// Share of the frame's width or height that an object spans.
+/// Fraction of the frame's width or height that an object spans.
 const FILL: f32 = 0.84;
 
-/// Points on the surfaces that views are judged by.
+/// Number of sample points on the surfaces.
 const SAMPLES: usize = 1024;
 
-/// A thing is flat where it is this much thinner than wide and high. Flat things that lie, such as a floor with something on it, have to
-/// be thinner to be looked at from above.
+/// Largest ratio of thickness to width and height of a flat object. Horizontal ones, such as a floor with
+/// something on it, have to be flatter to be viewed from above.
 const FLAT: f32 = 0.25;
 const LYING_FLAT: f32 = 0.02;
 
-/// Share of the surfaces that is the main part of a scene, and how many times as far from its middle other points count.
+/// Fraction of the surfaces that forms the main part of a scene, and the largest distance from its centre,
+/// relative to the main part's radius, of points that are framed.
 const NEARLY_ALL: f32 = 0.98;
 const FAR: f32 = 1.6;
 
-/// Points at eye height along each horizontal side, and heights at which floors are looked for.
+/// Numbers of points at eye height along each horizontal side, and of heights at which floors are searched.
 const PLACES: usize = 9;
 const LEVELS: usize = 4;
 
-/// Directions in which a place looks around.
+/// Number of directions in which the surroundings of a point are sampled.
 const DIRECTIONS: usize = 96;
 
-/// Sine of the elevation from which on places without a ceiling may be open.
+/// Sine of the elevation above which the surroundings of a point without a ceiling may be open.
 const OPEN_ABOVE: f32 = 0.35;
 
-/// Metres above the floor in rooms of a natural size.
+/// Height of the eye above the floor in rooms of a natural size, metres.
 const EYE_HEIGHT: f32 = 1.6;
 
-/// Share of the directions that are closed around a place in a room, and in something that is open on one side. Of places that are the
-/// latter, half have to be the former.
+/// Least fraction of the directions around a point that hit surfaces, in a closed room and in a scene that is
+/// open on one side. Of the points of the second kind in a room, half have to be of the first.
 const SHARE_CLOSED: f32 = 0.5;
 const CLOSED: f32 = 0.92;
 const PARTLY_CLOSED: f32 = 0.6;
 
-/// Share of all places that are at least partly closed in where a scene is a room, or a stage.
+/// Least fraction of all points at eye height that are at least partly enclosed, for a room and for a stage.
 const PLACES_OF_A_ROOM: f32 = 0.02;
 const PLACES_OF_A_STAGE: f32 = 0.08;
 
-/// Share of the surfaces that may be seen from outside of a room, twice as many where all places are closed, and of a stage.
+/// Largest fraction of the surfaces that is visible from outside, for a room (twice as much if all points are
+/// closed) and for a stage.
 const SEEN_FROM_OUTSIDE: f32 = 0.2;
 const SEEN_OF_A_STAGE: f32 = 0.55;
 
-/// A scene lies where it is this much lower than wide.
+/// Largest ratio of height to width of a horizontal scene.
 const LYING: f32 = 0.25;
 
-/// Directions in which a place in a room is looked from.
+/// Number of view directions that are tried at each point in a room.
 const YAWS: usize = 16;
 
-/// The name of a camera that was chosen.
+/// Name of an automatically chosen camera.
 pub const AUTO: &str = "auto";
 
-/// What a camera that was chosen looks at.
+/// Kind of subject of an automatically chosen camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Subject {
-    /// Nothing.
+    /// The scene is empty.
     Empty,
-    /// A thing, from outside.
+    /// An object, seen from outside.
     Object,
-    /// A thing without depth, from its front.
+    /// A flat object, seen from its front.
     Flat,
-    /// Something that is open on one side, from there.
+    /// A scene that is open on one side, seen from there.
     Stage,
-    /// A room, from inside.
+    /// A room, seen from inside.
     Room,
 }
 
-/// A point of a surface.
+/// A sample point on a surface.
 struct Sample {
     position: Vec3,
-    /// Unit, to the front.
+    /// Unit normal of the front side.
     normal: Vec3,
     triangle: u32,
     two_sided: bool,
 }
 
-/// A place that is at least partly closed in.
+/// A point at eye height that is at least partly enclosed.
 struct Place {
     eye: Vec3,
     closed: f32,
 }
 
-/// Chooses a camera for an image of a size in pixels. `points` are all places where vertices ever are, which includes those of the
-/// reference's own pose.
+/// Chooses a camera for an image size in pixels. `points` are all vertex positions at all times, including
+/// those of the reference's own pose.
 #[must_use]
 pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera, Subject) {
     let samples = samples(reference);
@@ -117,7 +121,7 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
     }
     let points = &main_part(&samples, points);
     let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
-        // Among the houses of a town it is not as on a stage.
+        // The streets of a town are partly enclosed, but a town is not viewed like a stage.
         (Enclosure::Stage, _) if !lies => (directions(&STAGE_VIEWS), Subject::Stage),
         (_, Some(front)) => (vec![(front, 1.0)], Subject::Flat),
         (_, None) if lies => (directions(&LYING_VIEWS), Subject::Object),
@@ -130,8 +134,8 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
     (best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size)), subject)
 }
 
-/// Azimuth and elevation of views from outside, degrees, with how much each is liked: what another shows more has to
-/// make up for that.
+/// Azimuth and elevation of views from outside, degrees, and a preference by which the visible fraction is
+/// multiplied.
 const VIEWS: [(f32, f32, f32); 9] = [
     (30.0, 20.0, 1.0),
     (-30.0, 20.0, 0.95),
@@ -144,31 +148,32 @@ const VIEWS: [(f32, f32, f32); 9] = [
     (180.0, 8.0, 0.65),
 ];
 
-/// The same of views of what is much lower than wide, such as a town: from above, or little of the image would be filled.
+/// The same for horizontal scenes, such as a town. They are viewed from above, since otherwise little of the
+/// image would be filled.
 const LYING_VIEWS: [(f32, f32, f32); 4] =
     [(15.0, 45.0, 1.0), (-15.0, 45.0, 0.95), (105.0, 45.0, 0.7), (195.0, 45.0, 0.65)];
 
-/// The same of views into something that is open on one side.
+/// The same for scenes that are open on one side.
 const STAGE_VIEWS: [(f32, f32, f32); 4] = [(0.0, 0.0, 1.0), (90.0, 0.0, 0.9), (-90.0, 0.0, 0.9), (180.0, 0.0, 0.85)];
 
 fn directions(views: &[(f32, f32, f32)]) -> Vec<(Vec3, f32)> {
     views.iter().map(|&(azimuth, elevation, weight)| (direction(azimuth, elevation), weight)).collect()
 }
 
-/// How far points reach along a unit vector, metres.
+/// Returns the extent of points along a unit vector, metres.
 fn extent(points: &[Vec3], axis: Vec3) -> f32 {
     let along = points.iter().map(|p| p.dot(axis));
     let (low, high) = along.fold((f32::MAX, f32::MIN), |(low, high), x| (low.min(x), high.max(x)));
     high - low
 }
 
-/// The unit vector at an azimuth from +Z towards +X and an elevation, degrees.
+/// Returns the unit vector at an azimuth from +Z towards +X and an elevation, degrees.
 pub(super) fn direction(azimuth: f32, elevation: f32) -> Vec3 {
     let (azimuth, elevation) = (azimuth.to_radians(), elevation.to_radians());
     Vec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), azimuth.cos() * elevation.cos())
 }
 
-/// A pinhole that looks from one point to another.
+/// Returns a pinhole camera at `eye` that looks at `target`.
 fn camera(fov: f32, eye: Vec3, target: Vec3) -> Camera {
     let camera = Camera {
         name: AUTO.to_owned(),
@@ -180,14 +185,15 @@ fn camera(fov: f32, eye: Vec3, target: Vec3) -> Camera {
     camera.clone().looking(eye, target).unwrap_or(camera)
 }
 
-/// The camera in a direction from the points whose image they span to [`FILL`].
+/// Returns the camera in a direction from the points at the distance at which they span [`FILL`] of the
+/// frame.
 fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera {
     let axes = camera(OBJECT_FOV, towards_eye, Vec3::ZERO);
     let slopes = axes.half_extent(width, height) * FILL;
     let world = axes.world_from_camera;
     let [right, up, back] = [world.x_axis, world.y_axis, world.z_axis].map(|axis| Vec3::from(axis).as_dvec3());
     let slopes = slopes.as_dvec2();
-    // Each point keeps the eye on the inner side of two planes to the left and right, and two above and below.
+    // Each point restricts the eye by two planes on the left and right, and two above and below.
     let (mut low, mut high) = (glam::DVec2::NEG_INFINITY, glam::DVec2::INFINITY);
     let mut nearest = f64::INFINITY;
     for point in points {
@@ -198,7 +204,7 @@ fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera 
         nearest = nearest.min(depth);
     }
     let depth = ((high - low) / (2.0 * slopes)).min_element();
-    // A single point has no size.
+    // A single point has no extent, and any distance is valid.
     let depth = if depth < nearest { depth } else { nearest - 1.0 };
     let middle = 0.5 * (low + high);
     let eye = right * middle.x + up * middle.y - back * depth;
@@ -206,7 +212,8 @@ fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera 
     camera(OBJECT_FOV, eye.as_vec3(), (eye - back * distance).as_vec3())
 }
 
-/// Points on the surfaces: half of them by area, half of them alike on all triangles, since small parts are what is worth a picture.
+/// Samples points on the surfaces: half of them by area, half of them uniformly over triangles, since small
+/// parts often are the subject of a picture.
 fn samples(reference: &Reference) -> Vec<Sample> {
     let geometry = reference.geometry();
     let count = geometry.triangles.len();
@@ -228,7 +235,7 @@ fn samples(reference: &Reference) -> Vec<Sample> {
         }
     }
     let sample = |(n, i): (usize, usize)| {
-        // The R2 sequence of M. Roberts (2018), folded into the triangle.
+        // The R2 sequence (M. Roberts 2018), folded into the triangle.
         let at = Vec2::new(0.754_877_7, 0.569_840_3) * n as f32;
         let [mut u, mut v] = at.fract().to_array();
         if u + v > 1.0 {
@@ -242,12 +249,12 @@ fn samples(reference: &Reference) -> Vec<Sample> {
     triangles.into_iter().enumerate().map(sample).collect()
 }
 
-/// The share of the points that is seen from a place.
+/// Returns the fraction of the points that is visible from a position.
 fn shown(reference: &Reference, samples: &[Sample], eye: Vec3) -> f32 {
     samples.iter().filter(|sample| is_seen(reference, sample, eye)).count() as f32 / samples.len() as f32
 }
 
-/// Says whether a point is seen from a place.
+/// Returns true if a point is visible from a position.
 fn is_seen(reference: &Reference, sample: &Sample, eye: Vec3) -> bool {
     let to = sample.position - eye;
     let distance = to.length();
@@ -255,7 +262,7 @@ fn is_seen(reference: &Reference, sample: &Sample, eye: Vec3) -> bool {
     (sample.two_sided || sample.normal.dot(to) < 0.0) && reference.first_hit(eye, to / distance).is_some_and(reaches)
 }
 
-/// The share of the points that is in a camera's image.
+/// Returns the fraction of the points that is visible in a camera's image.
 fn shown_in_frame(reference: &Reference, samples: &[Sample], camera: &Camera, [width, height]: [u32; 2]) -> f32 {
     let eye = Vec3::from(camera.world_from_camera.translation);
     let in_frame: Vec<&Sample> =
@@ -264,7 +271,7 @@ fn shown_in_frame(reference: &Reference, samples: &[Sample], camera: &Camera, [w
     (4 * seen) as f32 / samples.len() as f32
 }
 
-/// The points without those that lie far from nearly all of the surfaces: what somebody forgot at the other end of the world.
+/// Returns the points except those that are far from nearly all of the surfaces, such as forgotten objects.
 fn main_part(samples: &[Sample], points: &[Vec3]) -> Vec<Vec3> {
     let median = |mut values: Vec<f32>, share: f32| {
         let n = ((values.len() - 1) as f32 * share) as usize;
@@ -275,9 +282,9 @@ fn main_part(samples: &[Sample], points: &[Vec3]) -> Vec<Vec3> {
     points.iter().copied().filter(|p| p.distance(middle) <= FAR * reach).collect()
 }
 
-/// The direction that most of a flat thing faces.
+/// Returns the direction that most of a flat object faces; none if the scene is not flat.
 fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Option<Vec3> {
-    // Area alone: the second half.
+    // The second half of the samples is distributed by area.
     let by_area = samples[samples.len() / 2..].iter().map(|s| s.normal);
     let mean = by_area.reduce(|a, b| if b.dot(a) < 0.0 { a - b } else { a + b })?.try_normalize()?;
     let thickness = |axis: Vec3| {
@@ -294,13 +301,13 @@ fn flat_front(reference: &Reference, samples: &[Sample], points: &[Vec3]) -> Opt
     let far = 10.0 * [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(points, axis)).into_iter().fold(0.0, f32::max);
     let middle = points.iter().sum::<Vec3>() / points.len() as f32;
     let shown = [axis, -axis].map(|side| shown(reference, samples, middle + side * far));
-    // Where both sides show alike, the one to the front, or upwards.
+    // If both sides show equally much, the camera is placed at the front, or above.
     let alike = (shown[0] - shown[1]).abs() <= 0.1 * (shown[0] + shown[1]);
     let first = if alike { axis.dot(Vec3::new(0.1, 0.5, 1.0)) > 0.0 } else { shown[0] > shown[1] };
     Some(if first { axis } else { -axis })
 }
 
-/// Directions spread evenly over the sphere (spherical Fibonacci lattice).
+/// Returns uniformly distributed directions (spherical Fibonacci lattice).
 pub(super) fn sphere(count: usize) -> impl Iterator<Item = Vec3> {
     (0..count).map(move |n| {
         let y = 1.0 - (2.0 * n as f32 + 1.0) / count as f32;
@@ -310,8 +317,8 @@ pub(super) fn sphere(count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// Says how much of the surfaces is seen from outside: the share of directions, level or from above, in which the points see
-/// nothing.
+/// Returns the visibility of the surfaces from outside: the fraction of horizontal and upward directions from
+/// the sample points that leave the scene.
 fn seen_from_outside(reference: &Reference, samples: &[Sample]) -> f32 {
     let directions: Vec<Vec3> = sphere(48).filter(|d| (-0.1..0.75).contains(&d.y)).collect();
     let open = |sample: &Sample| {
@@ -324,13 +331,13 @@ fn seen_from_outside(reference: &Reference, samples: &[Sample]) -> f32 {
     sum / (samples.len() / 2) as f32
 }
 
-/// What a scene encloses.
+/// The kind of space that a scene encloses.
 enum Enclosure {
-    /// Nothing to speak of.
+    /// The scene encloses no space.
     None,
-    /// Something that is open on one side, such as a stage.
+    /// A space that is open on one side, such as a stage.
     Stage,
-    /// A room, with places where one can stand.
+    /// A room, with positions for the eye.
     Room(Vec<Vec3>),
 }
 
@@ -352,7 +359,8 @@ fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     }
 }
 
-/// The camera at one of the places in a room that sees farthest and most of the surfaces.
+/// Returns the camera in a room with the best product of visible distance and visible fraction of the
+/// surfaces.
 fn inside(reference: &Reference, samples: &[Sample], places: &[Vec3], size: [u32; 2]) -> Option<Camera> {
     let views = places
         .par_iter()
@@ -364,13 +372,13 @@ fn inside(reference: &Reference, samples: &[Sample], places: &[Vec3], size: [u32
     best(judged.collect())
 }
 
-/// The first of the best.
+/// Returns the first camera with the highest score.
 fn best(judged: Vec<(f32, Camera)>) -> Option<Camera> {
     judged.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, camera)| camera)
 }
 
-/// How far a camera sees: the mean of the square roots of the distances of its rays, 0 where they meet nothing. Far parts count, but not
-/// one long way alone.
+/// Scores the visible distance of a camera by the mean square root of its rays' lengths, 0 for rays without a
+/// hit. The square root limits the weight of a single long ray.
 fn free_view(reference: &Reference, camera: &Camera, size: [u32; 2]) -> f32 {
     let (sum, count) = rays(camera, size, [12, 8]).fold((0.0, 0), |(sum, count), (eye, direction)| {
         (sum + reference.first_hit(eye, direction).map_or(0.0, |hit| hit.t.sqrt()), count + 1)
@@ -378,7 +386,7 @@ fn free_view(reference: &Reference, camera: &Camera, size: [u32; 2]) -> f32 {
     sum / count as f32
 }
 
-/// Origins and directions of a grid of a camera's rays.
+/// Returns origins and directions of a grid of a camera's rays.
 pub(super) fn rays(
     camera: &Camera,
     [width, height]: [u32; 2],
@@ -397,7 +405,7 @@ pub(super) fn rays(
     })
 }
 
-/// Places at eye height that are partly closed in, at more than a step's distance from everything.
+/// Returns the points at eye height that are partly enclosed and farther than a step from all surfaces.
 fn places(reference: &Reference) -> Vec<Place> {
     let [low, high] = reference.geometry().bounds;
     let extent = high - low;
@@ -420,12 +428,13 @@ fn places(reference: &Reference) -> Vec<Place> {
     (0..PLACES * PLACES * LEVELS).into_par_iter().filter_map(place).collect()
 }
 
-/// What is around a place.
+/// Surroundings of a point.
 #[derive(Clone, Copy, Debug)]
 struct Surroundings {
-    /// Share of the directions in which a surface shows its front; those far up do not count where there is no ceiling.
+    /// Fraction of the directions that hit the front of a surface; without a ceiling, steep directions are
+    /// not counted.
     closed: f32,
-    /// Metres to the nearest surface that is not below.
+    /// Distance to the nearest surface that is not below, metres.
     free: f32,
 }
 
@@ -436,43 +445,44 @@ fn surroundings(reference: &Reference, eye: Vec3) -> Surroundings {
         counted += 1;
         let Some(hit) = reference.closest_hit(eye, direction, None) else { continue };
         free = if direction.y > -0.5 { free.min(hit.t) } else { free };
-        // From within a thing, backs are seen.
+        // From inside an object, rays hit back faces.
         closed += u32::from(reference.normal(hit.triangle).dot(direction) < 0.0);
     }
     Surroundings { closed: closed as f32 / counted.max(1) as f32, free }
 }
 
-/// A point of a surface that a camera sees.
-pub(super) struct Seen {
+/// A surface point that is visible to a camera.
+pub(super) struct VisiblePoint {
     position: Vec3,
-    /// Unit, on the camera's side.
+    /// Unit normal on the camera's side.
     normal: Vec3,
     triangle: u32,
 }
 
-impl Seen {
-    /// Says whether nothing lies in a direction on the camera's side of the surface.
+impl VisiblePoint {
+    /// Returns true if a ray in a direction on the camera's side of the surface leaves the scene.
     pub fn is_open(&self, reference: &Reference, direction: Vec3) -> bool {
         direction.dot(self.normal) > 0.0
             && reference.closest_hit(self.position, direction, Some(self.triangle)).is_none()
     }
 }
 
-/// What a camera sees along `side` x `side` of its rays.
-pub(super) fn seen(reference: &Reference, camera: &Camera, side: u32) -> Vec<Seen> {
+/// Returns the surface points that are visible along `side` x `side` of a camera's rays.
+pub(super) fn visible_points(reference: &Reference, camera: &Camera, side: u32) -> Vec<VisiblePoint> {
     rays(camera, [1, 1], [side, side])
         .filter_map(|(origin, direction)| {
             let hit = reference.first_hit(origin, direction)?;
             let front = reference.normal(hit.triangle);
             let normal = if front.dot(direction) < 0.0 { front } else { -front };
-            // A little before the surface: points are rounded, and thin walls have a back.
+            // The point is moved slightly towards the camera, because of rounding and for thin walls.
             let position = origin + direction * (hit.t * (1.0 - 1e-5));
-            Some(Seen { position, normal, triangle: hit.triangle })
+            Some(VisiblePoint { position, normal, triangle: hit.triangle })
         })
         .collect()
 }
 
-/// Says whether a camera stands in a room: nearly all directions around it are closed, but those far up.
+/// Returns true if a camera is in a room: nearly all directions around it are closed, except for steep ones
+/// without a ceiling.
 pub(super) fn is_inside(reference: &Reference, camera: &Camera) -> bool {
     let eye = Vec3::from(camera.world_from_camera.translation);
     surroundings(reference, eye).closed >= CLOSED

@@ -1,42 +1,43 @@
-//! Adds light to scenes that bring none, or none that shows what the camera sees.
+//! Adds light to scenes that have none, or none that illuminates the camera's view.
 //!
-//! A small picture by the reference says how much of what the camera sees the scene's own light reaches.
+//! A small picture by the reference measures the fraction of the view that the scene's own light illuminates.
 
 use glam::{Mat3, Vec3};
 
-use super::camera::{self, Seen};
+use super::camera::{self, VisiblePoint};
 use crate::reference::{Reference, ReferenceSettings};
 use crate::scene::{Camera, EnvironmentChange, Instance, LUMINANCE, Lamp, Light, LoadError, Scene};
 
-/// Columns, rows and samples of the small picture.
+/// Columns and rows, and samples per pixel, of the small picture.
 const SIDE: u32 = 24;
 const SAMPLES: u32 = 32;
 
-/// A pixel is lit that has this share of the luminance of the bright ones, those at this quantile, and this share of that of the
-/// brightest emission: the eyes of a toy light nothing, however long one exposes.
+/// A pixel is lit if its luminance exceeds this fraction of the luminance at this quantile, and this fraction
+/// of the brightest emission's luminance. The second condition excludes scenes whose only emitters are
+/// details, such as the eyes of a toy.
 const LIT: f32 = 0.02;
 const BRIGHT: f32 = 0.98;
 const OF_EMITTERS: f32 = 1e-4;
 
-/// Share of what the camera sees that a scene's own light has to reach.
+/// Least fraction of the visible surfaces that a scene's own light has to illuminate.
 const ENOUGH: f32 = 0.1;
 
-/// Share of the directions around what is seen that have to be open for daylight in a room.
+/// Least fraction of open directions around the visible points of a room for daylight.
 const OPEN: f32 = 0.002;
 
-/// Metres along the shorter horizontal side from which on a scene is large, and the most that it may be high in shares of it: grounds,
-/// not things in centimetres.
+/// Shorter horizontal side of a large scene, metres, and its largest height relative to it. The second
+/// condition excludes objects in centimetres.
 const LARGE: f32 = 10.0;
 const LOW: f32 = 0.6;
 
-/// Light for a scene that lacks some.
+/// Light that is added to a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Added {
-    /// An environment, as the options `--env` and `--env-rotate` ask for it.
+    /// An environment, in the format of the options `--env` and `--env-rotate`.
     Environment {
         /// `studio` or `sky:ELEVATION`.
         source: String,
-        /// Degrees.
+        /// Rotation about +Y, degrees.
         rotate: f32,
     },
     /// A lamp below the ceiling of a closed room.
@@ -44,10 +45,11 @@ pub enum Added {
 }
 
 impl Added {
-    /// Adds it to a scene.
+    /// Adds the light to a scene.
     ///
     /// # Errors
-    /// None that this program's own environments have.
+    /// Returns an error if the environment cannot be loaded, which does not occur for this program's own
+    /// ones.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), LoadError> {
         match self {
             Self::Environment { source, rotate } => {
@@ -62,27 +64,27 @@ impl Added {
     }
 }
 
-/// Says whether anything in the scene gives light.
-pub(super) fn shines(scene: &Scene) -> bool {
+/// Returns true if anything in the scene emits light.
+pub(super) fn emits_light(scene: &Scene) -> bool {
     scene.environment.is_some()
         || scene.lights.iter().any(|light| !light.is_black(&scene.patterns))
         || emissions(scene).next().is_some()
 }
 
-/// Radiances of the surfaces that emit any; textures are taken to be white.
+/// Returns the radiance of emissive surfaces; textures are taken to be white.
 fn emissions(scene: &Scene) -> impl Iterator<Item = Vec3> {
     let of = |instance: &Instance| scene.materials[scene.meshes[instance.mesh].material].emission;
     scene.instances.iter().filter_map(of).map(|emission| emission.radiance.factor).filter(|&r| r != Vec3::ZERO)
 }
 
-/// Says whether a scene lacks light for a camera of it: it has none, or its own reaches less than a tenth of what the camera sees. A
-/// scene with an environment lacks none.
+/// Returns true if a scene has no light, or its own illuminates less than a tenth of the camera's view.
+/// Scenes with an environment are not checked.
 #[must_use]
 pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool {
     if scene.environment.is_some() {
         return false;
     }
-    if !shines(scene) {
+    if !emits_light(scene) {
         return true;
     }
     reference.look(camera.clone());
@@ -90,14 +92,14 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
         ReferenceSettings { width: SIDE, height: SIDE, samples: SAMPLES, bounces: Some(1), seed: 1, camera: 0 };
     let picture = reference.render(&settings, &|_, _| ()).film;
     let rays = camera::rays(camera, [SIDE, SIDE], [SIDE, SIDE]);
-    // What each pixel's middle sees: nothing, or whether it emits.
+    // Each entry is none without a hit, otherwise true if the surface at the pixel's centre emits.
     let emits: Vec<Option<bool>> = rays
         .map(|(origin, direction)| {
             reference.first_hit(origin, direction).map(|hit| reference.emitted(&hit, direction) != Vec3::ZERO)
         })
         .collect();
     let brightest = emissions(scene).map(|radiance| radiance.dot(LUMINANCE)).fold(0.0, f32::max);
-    // Pixels beside an emitter may show it, too.
+    // Pixels beside an emitter may include part of it.
     let beside = |at: usize| {
         let [x, y] = [at as u32 % SIDE, at as u32 / SIDE].map(|at| at.saturating_sub(1)..(at + 2).min(SIDE));
         y.flat_map(|y| x.clone().map(move |x| y * SIDE + x)).any(|at| emits[at as usize] == Some(true))
@@ -115,7 +117,8 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     (lit as f32) < ENOUGH * luminances.len() as f32
 }
 
-/// Chooses light for a camera: a lamp in a closed room, sky and sun in one with openings and for large scenes, a studio for all else.
+/// Chooses light for a camera: a lamp in a closed room, sky and sun in a room with openings and for large
+/// scenes, otherwise a studio.
 #[must_use]
 pub fn choose(reference: &Reference, camera: &Camera) -> Added {
     let back = Vec3::from(camera.world_from_camera.matrix3.z_axis);
@@ -124,13 +127,13 @@ pub fn choose(reference: &Reference, camera: &Camera) -> Added {
     let extent = high - low;
     let side = extent.x.min(extent.z);
     let (source, rotate) = if camera::is_inside(reference, camera) {
-        let seen = camera::seen(reference, camera, 16);
+        let seen = camera::visible_points(reference, camera, 16);
         let Some((elevation, azimuth)) = sun_through_openings(reference, &seen) else {
             return Added::Lamp(lamp(reference, camera));
         };
         (format!("sky:{elevation}"), azimuth)
     } else if side > LARGE && extent.y < LOW * side {
-        // From the left, and a little from the front.
+        // The sun shines from the left and a little from the front.
         ("sky:45".to_owned(), (facing - 60.0).round())
     } else {
         ("studio".to_owned(), facing.round())
@@ -138,8 +141,9 @@ pub fn choose(reference: &Reference, camera: &Camera) -> Added {
     Added::Environment { source, rotate: (rotate + 540.0).rem_euclid(360.0) - 180.0 }
 }
 
-/// Elevation and azimuth, degrees, of the sun that reaches most of what is seen; nothing where the room is closed.
-fn sun_through_openings(reference: &Reference, seen: &[Seen]) -> Option<(f32, f32)> {
+/// Returns elevation and azimuth in degrees of the sun that reaches most of the visible points; none if the
+/// room is closed.
+fn sun_through_openings(reference: &Reference, seen: &[VisiblePoint]) -> Option<(f32, f32)> {
     let open = |direction: Vec3| seen.iter().filter(|point| point.is_open(reference, direction)).count();
     let around: Vec<Vec3> = camera::sphere(64).collect();
     let free: usize = around.iter().map(|&direction| open(direction)).sum();
@@ -151,7 +155,7 @@ fn sun_through_openings(reference: &Reference, seen: &[Seen]) -> Option<(f32, f3
     reached.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, sun)| sun)
 }
 
-/// A lamp below the ceiling, over the middle of what the camera sees.
+/// Returns a lamp below the ceiling, above the middle of the camera's view.
 fn lamp(reference: &Reference, camera: &Camera) -> Lamp {
     let eye = Vec3::from(camera.world_from_camera.translation);
     let forward = -Vec3::from(camera.world_from_camera.matrix3.z_axis);

@@ -1,8 +1,8 @@
-//! What a picture needs and a scene file may leave out: a camera and light.
+//! Completes a scene with a camera and light if its file has none.
 //!
-//! [`load`] is the front door: it reads a file ([`crate::scene::load_under`]) and completes it. [`camera`] chooses where to stand,
-//! [`light`] what to add where the file brings no light, or none that shows what the camera sees. Both ask the CPU reference, by some
-//! ten thousand rays. A scene that has both is left as it is.
+//! [`load`] reads a file ([`crate::scene::load_under`]) and completes it. [`camera`] chooses the camera;
+//! [`light`] chooses light for scenes without any, or without any that illuminates the camera's view. Both
+//! use the CPU reference with about ten thousand rays. A scene that has both is not changed.
 
 pub mod camera;
 pub mod light;
@@ -15,40 +15,42 @@ use crate::scene::{self, Camera, EnvironmentChange, Geometry, LoadError, Scene};
 use self::camera::Subject;
 use self::light::Added;
 
-/// What is asked for beside the file.
+/// Options for completing a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Staging {
-    /// In place of the file's own environment.
+    /// Environment in place of the file's own.
     pub environment: EnvironmentChange,
-    /// The camera that will be used: chosen, or one of the file's, the first where it has not got that one.
+    /// Camera that will be used: the automatic one or one of the file's; the first if the chosen one does not
+    /// exist.
     pub camera: CameraChoice,
-    /// Where the camera will be moved to and what it will look at, metres, if it is.
-    pub stand: Option<[Vec3; 2]>,
-    /// Columns and rows of the image; a camera that is chosen fits its shape.
+    /// Position and target that the camera is moved to, metres.
+    pub eye_and_target: Option<[Vec3; 2]>,
+    /// Columns and rows of the image, whose shape determines the framing of an automatic camera.
     pub size: [u32; 2],
 }
 
 impl Default for Staging {
     fn default() -> Self {
         let environment = EnvironmentChange::default();
-        Self { environment, camera: CameraChoice::default(), stand: None, size: [1, 1] }
+        Self { environment, camera: CameraChoice::default(), eye_and_target: None, size: [1, 1] }
     }
 }
 
-/// Which camera.
+/// Choice of a camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum CameraChoice {
-    /// The file's first one; one that is chosen where it has none.
+    /// The file's first camera, or an automatic one if it has none.
     #[default]
     First,
-    /// The file's, by name or index.
+    /// The file's camera of this name or index.
     Named(String),
-    /// One that is chosen, also where the file has some.
+    /// An automatic camera, even if the file has cameras.
     Auto,
 }
 
 impl CameraChoice {
-    /// The index of the camera among those of a scene that [`complete`] has been at, if it is there.
+    /// Returns the index of the camera in a scene that [`complete`] has processed; none if there is no such
+    /// camera.
     #[must_use]
     pub fn index(&self, cameras: &[Camera]) -> Option<usize> {
         match self {
@@ -62,20 +64,20 @@ impl CameraChoice {
     }
 }
 
-/// Loads a scene and completes it: the result has a camera and, unless it was asked for none, light.
+/// Loads and completes a scene: the result has a camera and, unless the options exclude it, light.
 ///
 /// # Errors
-/// As [`scene::load_under`].
+/// Returns an error under the conditions of [`scene::load_under`].
 pub fn load(spec: &str, staging: &Staging) -> Result<Scene, LoadError> {
     let mut scene = scene::load_under(spec, &staging.environment)?;
     complete(&mut scene, staging)?;
     Ok(scene)
 }
 
-/// Adds what a scene lacks, and a note for each thing that was added. A camera that was chosen is the last one.
+/// Adds the missing camera and light, with a note for each. An automatic camera is the last one of the scene.
 ///
 /// # Errors
-/// None that a scene which loaded has.
+/// Returns an error if an environment cannot be loaded, which does not occur for scenes that were loaded.
 pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
     let chooses = scene.cameras.is_empty() || staging.camera == CameraChoice::Auto;
     let lights = !staging.environment.is_none();
@@ -84,11 +86,11 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
     }
     let mut reference = Reference::new(scene);
     let chosen = chooses.then(|| camera::choose(&reference, &points(scene, reference.geometry()), staging.size));
-    let shines = light::shines(scene);
+    let emits_light = light::emits_light(scene);
     let added =
         chosen.as_ref().map(|(camera, _)| camera).or_else(|| scene.cameras.get(staging.camera.index(&scene.cameras)?));
     let added = added.or(scene.cameras.first()).filter(|_| lights).and_then(|camera| {
-        let moved = staging.stand.and_then(|[eye, target]| camera.clone().looking(eye, target));
+        let moved = staging.eye_and_target.and_then(|[eye, target]| camera.clone().looking(eye, target));
         let camera = moved.as_ref().unwrap_or(camera);
         light::lacks(scene, &mut reference, camera).then(|| light::choose(&reference, camera))
     });
@@ -105,7 +107,8 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
         scene.cameras.push(camera);
     }
     if let Some(added) = added {
-        let why = if shines { "what shines in the scene hardly lights it" } else { "the scene has no light" };
+        let why =
+            if emits_light { "the lights of the scene hardly illuminate the view" } else { "the scene has no light" };
         let what = match &added {
             Added::Environment { source, rotate: 0.0 } => format!("--env {source}"),
             Added::Environment { source, rotate } => format!("--env {source} --env-rotate {rotate}"),
@@ -117,11 +120,11 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// Poses of an animation that are framed, and the most vertices of all of them together.
+/// Number of poses of an animation that are framed, and the largest number of their vertices.
 const POSES: usize = 12;
 const MOST_POINTS: usize = 4_000_000;
 
-/// All places where vertices are, at rest and in the first animation.
+/// Returns all vertex positions in the rest pose and during the first animation.
 fn points(scene: &Scene, geometry: &Geometry) -> Vec<Vec3> {
     let of = |geometry: &Geometry| geometry.vertices.iter().map(|v| v.position).collect::<Vec<_>>();
     let mut points = of(geometry);
@@ -129,7 +132,7 @@ fn points(scene: &Scene, geometry: &Geometry) -> Vec<Vec3> {
     let Some(seconds) = animation.map(scene::animation::Animation::seconds) else { return points };
     let poses = POSES.min(MOST_POINTS / points.len().max(1));
     for pose in 0..poses {
-        // One that cannot be posed is said when it is rendered.
+        // A pose that cannot be evaluated is reported when it is rendered.
         if let Ok(posed) = scene.at(0, seconds * (pose as f32 + 0.5) / poses as f32) {
             points.extend(of(&Geometry::new(&posed)));
         }

@@ -1,4 +1,4 @@
-//! What validation layers say: wgpu hears it and logs it, and a [`Listener`] among the loggers keeps it.
+//! Captures messages of validation layers, which wgpu logs, by a [`Listener`] among the loggers.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,7 +6,8 @@ use log::{Level, Log, Metadata, Record};
 
 static HEARD: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
-/// A logger that keeps errors and validation messages of the driver, and hands everything on to another one.
+/// A logger that stores errors and validation messages of the driver, and forwards all records to another
+/// logger.
 pub struct Listener<L>(pub L);
 
 impl<L: Log> Log for Listener<L> {
@@ -29,12 +30,12 @@ impl<L: Log> Log for Listener<L> {
     }
 }
 
-/// Whether it comes from the layer of wgpu that the driver speaks to.
+/// Returns true if a record is from wgpu's hardware layer, which calls the driver.
 fn concerns(metadata: &Metadata) -> bool {
     metadata.level() <= Level::Warn && metadata.target().starts_with("wgpu_hal")
 }
 
-/// What was heard since the last time; nothing where no [`Listener`] is the program's logger.
+/// Returns the messages since the last call; none if the program's logger is no [`Listener`].
 pub fn take() -> Vec<String> {
     std::mem::take(&mut HEARD.lock().unwrap_or_else(PoisonError::into_inner))
 }

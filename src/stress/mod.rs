@@ -1,8 +1,9 @@
-//! A battery of odd scenes, sizes and values: what a user runs on a driver of their own, and what holds this program to it.
+//! Stress tests: unusual scenes, sizes and values, which users can run on their own drivers.
 //!
-//! A case is data: its name, what is right, and a function that renders and says what was seen. Around each one the device is
-//! asked for errors, every pass is watched for values that are not finite ([`crate::gpu::NonFinite`]), and what validation layers
-//! say is heard ([`messages`]). A case that panics has failed, and the others go on.
+//! A case is data: a name, the expected result, and a function that renders and describes the observed
+//! result. After each case, the runner checks the device for errors, every pass for values that are not
+//! finite ([`crate::gpu::NonFinite`]), and the messages of the validation layers ([`messages`]). A case that
+//! panics has failed; the others still run.
 
 mod cases;
 pub mod messages;
@@ -14,46 +15,46 @@ use std::time::Instant;
 
 use crate::film::Film;
 use crate::gpu::{Gpu, GpuError};
-use crate::path_renderer::PathRenderer;
-use crate::renderer::{Progressive, RenderStats, Renderer};
+use crate::render::{self, RenderError, RenderStats};
 use crate::scene::Scene;
-use crate::settings::{Method, Settings};
+use crate::settings::{Settings, Technique};
 
 pub use cases::CASES;
 
-/// What was seen: right, or wrong; in either case in words, with the numbers.
+/// Description of an observed result, with numbers: `Ok` if it is right, `Err` if it is wrong.
 pub type Seen = Result<String, String>;
 
-/// A case of the battery.
+/// A stress test.
 #[derive(Clone, Copy)]
 pub struct Case {
-    /// What is odd about it.
+    /// Short description of the unusual property.
     pub name: &'static str,
-    /// What is right.
+    /// Expected result.
     pub right: &'static str,
-    /// Methods that it concerns; the first alone is the short form.
-    pub methods: &'static [Method],
-    /// Whether it is left out of the short form.
+    /// Methods to test; the short run uses only the first.
+    pub methods: &'static [Technique],
+    /// True if the short run omits the case.
     pub long: bool,
-    /// Renders, and says what was seen.
+    /// Renders, and describes the observed result.
     pub run: fn(&Stage) -> Seen,
 }
 
-/// Where a case renders.
+/// Device and method of a case.
 pub struct Stage<'a> {
-    /// The device, with every pass watched.
+    /// Device, with checks for values that are not finite.
     pub gpu: &'a Gpu,
-    /// By which method.
-    pub method: Method,
+    /// Technique of the rendering.
+    pub method: Technique,
 }
 
 impl Stage<'_> {
-    /// A picture in which every value is finite, and how it was made. `settings.method` is the stage's.
+    /// Renders a picture and checks that all values are finite. Returns it with its statistics.
+    /// `settings.method` is replaced by the case's method.
     ///
     /// # Errors
-    /// Why there is none, in words.
+    /// Returns a message if rendering fails or a value is not finite.
     pub fn render(&self, scene: &Scene, settings: &Settings) -> Result<(Film, RenderStats), String> {
-        let settings = Settings { method: self.method, ..settings.clone() };
+        let settings = Settings { technique: self.method, ..settings.clone() };
         self.gpu.non_finite.watch(self.gpu, true);
         let (film, stats) = picture(self.gpu, scene, &settings)?;
         let counts = self.gpu.non_finite.counts(self.gpu).map_err(|e| e.to_string())?;
@@ -61,7 +62,7 @@ impl Stage<'_> {
         if let Some((pass, count)) = counts.iter().find(|(_, count)| *count > 0) {
             return Err(format!("{count} values that are not finite, first seen after the pass {pass}"));
         }
-        // The film has a counter of its own.
+        // The film counts its own values that are not finite.
         match film.non_finite() + stats.non_finite {
             0 => Ok((film, stats)),
             count => Err(format!("{count} values of the film are not finite")),
@@ -70,64 +71,67 @@ impl Stage<'_> {
 }
 
 fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Result<(Film, RenderStats), String> {
-    let render = |renderer: &mut dyn Progressive| {
+    let render = || {
+        let mut renderer = render::open(gpu, scene, settings)?;
         renderer.render(u64::from(settings.samples), &mut |_| true)?;
         Ok((renderer.film()?, renderer.stats()))
     };
-    if settings.method.shares_subpaths() {
-        Renderer::new(gpu, scene, settings).and_then(|mut r| render(&mut r))
-    } else {
-        PathRenderer::new(gpu, scene, settings).and_then(|mut r| render(&mut r))
-    }
-    .map_err(|e| e.to_string())
+    render().map_err(|e: RenderError| e.to_string())
 }
 
-/// A case by one method, as it went.
+/// Result of a case by one method.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Row {
-    /// The case.
+    /// Name of the case.
     pub name: &'static str,
-    /// How it was rendered.
-    pub method: Method,
-    /// What would be right.
+    /// Technique of the rendering.
+    #[serde(serialize_with = "as_text")]
+    pub method: Technique,
+    /// Expected result.
     pub right: &'static str,
-    /// What was seen.
+    /// Observed result.
     pub seen: String,
-    /// Whether that is right.
+    /// True if the observed result is right.
     pub passed: bool,
-    /// Seconds that it took.
+    /// Duration of the case, seconds.
     pub seconds: f64,
 }
 
-/// The whole battery, as it went.
+/// Writes a technique as it is shown.
+fn as_text<S: serde::Serializer>(technique: &Technique, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(technique)
+}
+
+/// Results of all cases.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Report {
     /// Version of this program.
     pub version: &'static str,
-    /// The device and its driver.
+    /// Name and driver of the device.
     pub device: String,
-    /// Cases by method, in order.
+    /// Results by case and method, in the order of the cases.
     pub rows: Vec<Row>,
-    /// How many are wrong.
+    /// Number of wrong results.
     pub failed: usize,
 }
 
-/// Which cases by which methods: in short form each by its first and without the long ones, otherwise all that the device can do.
+/// Selects cases and methods. The short run uses the first method of each case and omits long cases;
+/// otherwise all methods that the device supports are used.
 #[must_use]
-pub fn select<'a>(cases: &'a [Case], short: bool, ray_queries: bool) -> Vec<(&'a Case, Method)> {
+pub fn select<'a>(cases: &'a [Case], short: bool, ray_queries: bool) -> Vec<(&'a Case, Technique)> {
     let of = |case: &'a Case| {
-        let methods = case.methods.iter().filter(move |m| ray_queries || !m.traces_rays());
+        let methods = case.methods.iter().filter(move |m| ray_queries || !m.needs_ray_queries());
         methods.take(if short { 1 } else { usize::MAX }).map(move |&method| (case, method))
     };
     cases.iter().filter(|case| !(short && case.long)).flat_map(of).collect()
 }
 
-/// Runs cases one after the other; `progress` is told which one begins.
+/// Runs cases in sequence; `progress` is called before each.
 ///
 /// # Errors
-/// [`GpuError`] where no device can be had. What goes wrong with one is in the report.
-pub fn run(selected: &[(&Case, Method)], progress: &dyn Fn(usize, &Case, Method)) -> Result<Report, GpuError> {
-    let rays = selected.iter().any(|(_, method)| method.traces_rays());
+/// Returns [`GpuError`] if no device can be opened. Failures of cases are part of the report.
+pub fn run(selected: &[(&Case, Technique)], progress: &dyn Fn(usize, &Case, Technique)) -> Result<Report, GpuError> {
+    let rays = selected.iter().any(|(_, method)| method.needs_ray_queries());
     let mut gpu = Gpu::validated(rays)?;
     let device = gpu.capabilities.adapter.clone();
     let mut rows = Vec::new();
@@ -138,17 +142,17 @@ pub fn run(selected: &[(&Case, Method)], progress: &dyn Fn(usize, &Case, Method)
         let stage = Stage { gpu: &gpu, method };
         let seen = catch_unwind(AssertUnwindSafe(|| (case.run)(&stage)))
             .unwrap_or_else(|panic| Err(format!("it panicked: {}", words_of(panic.as_ref()))));
-        let seen = judge(seen, gpu.check(), messages::take());
+        let seen = verdict(seen, gpu.check(), messages::take());
         rows.push(Row {
             name: case.name,
             method,
             right: case.right,
             passed: seen.is_ok(),
-            // One line, whatever a driver says.
+            // Messages of drivers are joined into one line.
             seen: seen.unwrap_or_else(|e| e).split_whitespace().collect::<Vec<_>>().join(" "),
             seconds: began.elapsed().as_secs_f64(),
         });
-        // A device that has reported an error goes on reporting it.
+        // A device that has reported an error continues to report it, so another one is opened.
         if gpu.check().is_err() {
             gpu = Gpu::validated(rays)?;
         }
@@ -158,9 +162,9 @@ pub fn run(selected: &[(&Case, Method)], progress: &dyn Fn(usize, &Case, Method)
 }
 
 /// Errors of the device and messages of the validation layers make any case wrong.
-fn judge(seen: Seen, device: Result<(), GpuError>, messages: Vec<String>) -> Seen {
+fn verdict(seen: Seen, device: Result<(), GpuError>, messages: Vec<String>) -> Seen {
     let mut faults: Vec<String> = seen.as_ref().err().cloned().into_iter().collect();
-    // The case itself may have ended with the device's own words.
+    // The case itself may have failed with the device's message.
     faults.extend(device.err().map(|e| e.to_string()).filter(|e| !faults.contains(e)));
     faults.extend(messages);
     if faults.is_empty() { seen } else { Err(faults.join("; ")) }

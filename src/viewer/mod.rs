@@ -1,21 +1,23 @@
 //! The viewer: a window that shows a scene while it is rendered.
 //!
-//! Two threads that never wait for each other. The window's ([`window`]) owns winit, egui and a device that draws the interface;
-//! it turns what the user does into an [`order::Order`] and shows the newest picture that there is. The [`studio`] owns a device
-//! that renders; it works on the newest order. So input is handled within a frame of the interface, whatever a frame of the
-//! picture costs, and either device may be lost without the other.
+//! It has two threads that never wait for each other. The window's thread ([`window`]) owns winit, egui and a
+//! device that draws the interface; it turns the user's input into a [`request::Request`] and shows the
+//! newest picture. The render thread ([`render_thread`]) owns the device that renders, and works on the
+//! newest request. Input is therefore handled within a frame of the interface, however long the picture
+//! takes, and either device may be lost without the other.
 //!
-//! Everything but the window is plain library code: [`stand`] moves the camera, [`knobs`] has every setting with its sentence,
-//! [`crate::tonemap`] brings radiance to the screen, [`pace`] chooses how coarse a moving picture is, [`state`] is what the user has chosen and
-//! writes the command line that renders the same, and [`ui`] turns it into egui's shapes.
+//! All modules but [`window`] and [`screen`] work without a window: [`orbit_camera`] moves the camera,
+//! [`setting_controls`] lists every setting with its help, [`crate::tonemap`] maps radiance to the display,
+//! [`pace`] chooses the resolution of a moving picture, [`state`] holds the user's choices and writes the
+//! command line that renders the same picture, and [`ui`] lays out the interface in egui.
 
 pub mod engine;
-pub mod knobs;
-pub mod order;
+pub mod orbit_camera;
 pub mod pace;
+pub mod render_thread;
+pub mod request;
 pub mod screen;
-pub mod stand;
+pub mod setting_controls;
 pub mod state;
-pub mod studio;
 pub mod ui;
 pub mod window;

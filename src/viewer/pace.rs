@@ -1,13 +1,14 @@
-//! How coarse a picture is while things move, from how long samples take.
+//! Chooses the resolution of a moving picture from the duration of its samples.
 
-/// Seconds that a moving picture's sample may take before it is made coarser, and below which it is made finer: half as many pixels
-/// along a side take at best a quarter of the time.
+/// Seconds per sample of a moving picture above which it becomes coarser, and below which it becomes finer.
+/// Half the resolution along a side takes at best a quarter of the time, so that the two limits leave a
+/// margin against oscillation.
 const SLOW: f64 = 0.08;
 const FAST: f64 = 0.015;
-/// Coarsest: as many pixels of the window are one of the film, along a side.
+/// Coarsest resolution: pixels of the window per pixel of the film, along a side.
 const COARSEST: u32 = 8;
 
-/// The choice for one pane.
+/// Resolution of one pane's moving pictures.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     coarseness: u32,
@@ -20,7 +21,7 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Learns how long a sample took at a coarseness.
+    /// Adapts the resolution to the duration of a sample at a given coarseness.
     pub fn learn(&mut self, coarseness: u32, seconds: f64) {
         if seconds > SLOW && coarseness >= self.coarseness && self.coarseness < COARSEST {
             self.coarseness *= 2;
@@ -29,19 +30,19 @@ impl Pace {
         }
     }
 
-    /// Pixels of the pane that are one of the film, along a side.
+    /// Returns the pixels of the pane per pixel of the film, along a side.
     #[must_use]
     pub fn coarseness(&self, moving: bool) -> u32 {
         if moving { self.coarseness } else { 1 }
     }
 
-    /// A size at a coarseness.
+    /// Returns the size of the film at a coarseness.
     #[must_use]
     pub fn size([width, height]: [u32; 2], coarseness: u32) -> [u32; 2] {
         [width.div_ceil(coarseness).max(1), height.div_ceil(coarseness).max(1)]
     }
 
-    /// Samples of a batch that takes about as many seconds, where one takes `each`.
+    /// Returns the number of samples of a batch of `seconds`, if a sample takes `each` seconds.
     #[must_use]
     pub fn batch(seconds: f64, each: f64) -> u64 {
         (seconds / each.max(1e-6)).clamp(1.0, 64.0) as u64
@@ -52,8 +53,9 @@ impl Pace {
 mod tests {
     use super::*;
 
-    /// A device on which a sample takes so long, plus so much for each of a million pixels.
-    fn settle(fixed: f64, per_million: f64) -> (u32, usize) {
+    /// Simulates a device whose samples take `fixed` seconds plus `per_million` seconds per million pixels.
+    /// Returns the final coarseness and the number of changes.
+    fn converged_coarseness(fixed: f64, per_million: f64) -> (u32, usize) {
         let (mut pace, mut changes) = (Pace::default(), 0);
         for _ in 0..100 {
             let coarseness = pace.coarseness(true);
@@ -65,13 +67,13 @@ mod tests {
     }
 
     #[test]
-    fn it_settles_where_samples_are_quick_enough() {
-        assert_eq!(settle(0.001, 0.001).0, 1, "a fast device shows every pixel");
-        assert_eq!(settle(0.005, 0.3).0, 2);
-        assert_eq!(settle(0.01, 5.0).0, 8);
-        assert_eq!(settle(1.0, 1.0).0, COARSEST, "and no coarser where that would not help");
+    fn it_converges_where_samples_are_quick_enough() {
+        assert_eq!(converged_coarseness(0.001, 0.001).0, 1, "a fast device shows every pixel");
+        assert_eq!(converged_coarseness(0.005, 0.3).0, 2);
+        assert_eq!(converged_coarseness(0.01, 5.0).0, 8);
+        assert_eq!(converged_coarseness(1.0, 1.0).0, COARSEST, "and no coarser where that would not help");
         for cost in [0.001, 0.01, 0.1, 0.5, 1.0, 3.0] {
-            assert!(settle(0.005, cost).1 <= 3, "{cost}: it does not swing to and fro");
+            assert!(converged_coarseness(0.005, cost).1 <= 3, "{cost}: it does not swing to and fro");
         }
     }
 

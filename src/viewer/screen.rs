@@ -1,6 +1,6 @@
-//! The window's own device: draws the interface, and comes back where surface or device are lost.
+//! The window's own device: draws the interface, and recovers from the loss of the surface or the device.
 //!
-//! The one place beside [`crate::gpu`] that talks to wgpu, since egui brings its own pipelines.
+//! This is the only module besides [`crate::gpu`] that calls wgpu, since egui has its own pipelines.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,29 +8,29 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 use winit::window::Window;
 
-/// Why nothing can be drawn.
+/// An error that prevents drawing to the window.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error("the window cannot be drawn to: {0}")]
 pub struct ScreenError(String);
 
-/// What became of a frame of the interface.
+/// Result of drawing a frame of the interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Drawn {
-    /// It is on the screen.
+    /// The frame is presented.
     Shown,
-    /// The window cannot show it now; later it may.
+    /// The window cannot be drawn to at present, for example because it is minimized.
     NotNow,
-    /// The device is gone: another screen is needed.
+    /// The device is lost and a new screen is needed.
     Lost,
 }
 
-/// What the interface wants to be drawn.
+/// A frame of the interface.
 pub struct Interface<'a> {
-    /// Triangles.
+    /// Clipped triangle meshes.
     pub jobs: &'a [egui::ClippedPrimitive],
-    /// Textures that are new, changed or gone.
+    /// Textures to create, update or free.
     pub textures: &'a mut egui::TexturesDelta,
-    /// Pixels of a point.
+    /// Pixels per point.
     pub pixels_per_point: f32,
 }
 
@@ -47,10 +47,10 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Opens a device that can show the window.
+    /// Opens a device that can present to the window.
     ///
     /// # Errors
-    /// What the device said.
+    /// Returns the driver's message if there is no suitable device or surface.
     pub fn new(window: &Arc<Window>) -> Result<Self, ScreenError> {
         let failed = |e: &dyn std::fmt::Display| ScreenError(e.to_string());
         let descriptor = wgpu::InstanceDescriptor {
@@ -83,7 +83,7 @@ impl Screen {
             .get_default_config(&adapter, size.width.max(1), size.height.max(1))
             .ok_or_else(|| ScreenError("the adapter does not support it".to_owned()))?;
         let formats = surface.get_capabilities(&adapter).formats;
-        // egui blends in the encoding of the screen.
+        // egui blends in encoded sRGB, so the format must not convert.
         let plain = [wgpu::TextureFormat::Bgra8Unorm, wgpu::TextureFormat::Rgba8Unorm];
         config.format = plain.into_iter().find(|f| formats.contains(f)).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
@@ -93,13 +93,13 @@ impl Screen {
         Ok(Self { window: Arc::clone(window), instance, surface, device, queue, config, renderer, lost })
     }
 
-    /// Largest side of a texture.
+    /// Returns the largest width or height of a texture.
     #[must_use]
     pub fn max_texture_side(&self) -> usize {
         self.device.limits().max_texture_dimension_2d as usize
     }
 
-    /// Draws the interface. A minimized window, or one of another size than a moment ago, is no error.
+    /// Draws the interface. A minimized or just resized window is not an error.
     pub fn draw(&mut self, interface: Interface) -> Drawn {
         for (id, deltas) in interface.textures.set.drain() {
             for delta in deltas {
@@ -130,7 +130,8 @@ impl Screen {
                 return Drawn::NotNow;
             }
             wgpu::CurrentSurfaceTexture::Lost => {
-                // The surface alone, or its device, too: then the new one will not do either.
+                // Either only the surface is lost, or the device as well. In the second case the new surface
+                // fails, too.
                 match self.instance.create_surface(Arc::clone(&self.window)) {
                     Ok(surface) => self.surface = surface,
                     Err(_) => return Drawn::Lost,

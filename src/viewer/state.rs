@@ -1,72 +1,72 @@
-//! What the user has chosen and what there is to see: everything of the window that needs no window.
+//! The user's choices and the newest results: all state of the viewer that does not depend on a window.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::knobs::Chosen;
-use super::order::{Card, Edits, Layer, Machine, Order, Pane, Picture, Source};
-use super::stand::Stand;
-use super::studio::{Desk, Note, PANES};
+use super::orbit_camera::OrbitCamera;
+use super::render_thread::{Note, Outbox, PANES};
+use super::request::{Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};
+use super::setting_controls::Chosen;
 use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
-use crate::settings::{Method, SIDES, Settings};
+use crate::settings::{Method, SIDES, Settings, Technique};
 use crate::staging::Staging;
 use crate::staging::camera::AUTO;
 use crate::tonemap::{Exposure, Grade, Tonemap};
 
-/// How long after a change the picture counts as moving.
+/// Time after the last change for which the picture counts as moving.
 const SETTLES: Duration = Duration::from_millis(300);
-/// Share of the way to the exposure of a moving picture that each new one takes.
+/// Fraction of the difference in exposure that each new picture of a moving view applies.
 const FOLLOWS: f32 = 0.1;
-/// Notes that are kept.
+/// Largest number of messages that are kept.
 const NOTES: usize = 20;
 
-/// What the command line opens the viewer with.
+/// Options of the command line that opens the viewer.
 #[derive(Clone, Debug)]
 pub struct Launch {
     /// A path or `builtin:NAME`.
     pub spec: String,
-    /// What is asked for in place of the scene's own camera and light.
+    /// Replacements for the scene's own camera and lights.
     pub staging: Staging,
-    /// Of the first pane.
+    /// Settings of both sides at the start.
     pub settings: Settings,
-    /// Where to stand instead.
-    pub stand: Option<Stand>,
+    /// Camera position and target in place of the scene's.
+    pub orbit_camera: Option<OrbitCamera>,
     /// Angle of view along the shorter side, degrees.
     pub fov: Option<f32>,
-    /// An animation by name or index.
+    /// Name or index of an animation.
     pub animation: Option<String>,
-    /// Its time in seconds.
+    /// Time in the animation, seconds.
     pub at: Option<f32>,
-    /// How bright pictures are shown.
+    /// Exposure of displayed pictures.
     pub exposure: Exposure,
-    /// By which tone curve.
+    /// Tone curve of displayed pictures.
     pub tonemap: Tonemap,
 }
 
-/// An animation being watched.
+/// The animation that is shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Playback {
-    /// Which one.
+    /// Index of the animation.
     pub index: usize,
-    /// Where it is, in seconds.
+    /// Time in the animation, seconds.
     pub seconds: f32,
-    /// Whether it goes on.
+    /// True if time advances.
     pub playing: bool,
 }
 
-/// One side of the comparison; without one, only the first is there.
+/// One side of the comparison. Without a comparison only the first is shown.
 #[derive(Clone, Debug)]
 pub struct Side {
-    /// What its knobs say, right or wrong.
+    /// Values of the setting controls, valid or not.
     pub chosen: Chosen,
-    /// The last that was right.
+    /// Settings of the latest valid values.
     pub settings: Settings,
-    /// What is wrong with the knobs.
+    /// Error message if the values are invalid.
     pub wrong: Option<String>,
-    /// What of the picture is shown.
+    /// Layer of the picture that is shown.
     pub layer: Layer,
-    /// The newest.
+    /// Newest picture.
     pub picture: Option<Picture>,
 }
 
@@ -81,8 +81,8 @@ impl Side {
         }
     }
 
-    /// Makes settings of the knobs, or says what is wrong with them.
-    pub fn settle(&mut self) {
+    /// Updates the settings from the controls, or stores the error message if they are invalid.
+    pub fn validate(&mut self) {
         match self.chosen.settings() {
             Ok(settings) => {
                 self.settings = settings;
@@ -90,83 +90,87 @@ impl Side {
             }
             Err(cause) => self.wrong = Some(cause),
         }
-        if !self.layer.is_of(self.settings.method) {
+        if !self.layer.is_of(self.settings.technique) {
             self.layer = Layer::Light;
         }
     }
 
-    /// Switches to another method; options that it does not have go back to their defaults.
-    pub fn use_method(&mut self, method: Method) {
-        match method {
-            _ if method == Settings::default().method => self.chosen.0.remove("method"),
-            _ => self.chosen.0.insert("method".to_owned(), method.to_string()),
-        };
-        self.chosen.settle();
-        self.settle();
+    /// Switches to another method. Options that the method does not have return to their defaults.
+    pub fn use_method(&mut self, technique: Technique) {
+        let Technique { method, visibility } = technique;
+        let method = (method != Technique::default().method).then(|| method.to_string());
+        for (name, value) in [("method", method), ("visibility", visibility.map(|v| v.to_string()))] {
+            match value {
+                Some(value) => self.chosen.0.insert(name.to_owned(), value),
+                None => self.chosen.0.remove(name),
+            };
+        }
+        self.chosen.remove_invalid();
+        self.validate();
     }
 }
 
-/// All of it.
+/// State of the viewer.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// The scene.
+    /// The requested scene.
     pub source: Source,
-    /// What is known of it, once it is loaded.
-    pub card: Option<Card>,
-    /// What is known of the machine.
+    /// Description of the scene, once it is loaded.
+    pub scene_info: Option<SceneInfo>,
+    /// Description of the machine.
     pub machine: Machine,
-    /// Left and right.
+    /// Left and right side.
     pub sides: [Side; PANES],
-    /// Whether both are shown.
+    /// True if both sides are shown.
     pub compares: bool,
-    /// Where one ends and the other begins, a share of the width.
+    /// Position of the divider between the sides, as a fraction of the width.
     pub divider: f32,
-    /// Which side the panel is about.
+    /// Index of the side that the panel controls.
     pub active: usize,
-    /// The scene's camera.
+    /// Index of the scene's camera.
     pub camera: usize,
-    /// Where the user went instead.
-    pub stand: Option<Stand>,
-    /// Angle of view along the shorter side, degrees, instead of the camera's.
+    /// Camera position and target if the user has moved the camera.
+    pub orbit_camera: Option<OrbitCamera>,
+    /// Angle of view along the shorter side, degrees, in place of the camera's.
     pub fov: Option<f32>,
-    /// What moves.
+    /// The animation that is shown; none shows the rest pose.
     pub playback: Option<Playback>,
-    /// What is not as in the file.
+    /// Differences from the scene's file.
     pub edits: Edits,
-    /// How bright it is shown.
+    /// Exposure of displayed pictures.
     pub exposure: Exposure,
-    /// By which tone curve.
+    /// Tone curve of displayed pictures.
     pub tonemap: Tonemap,
-    /// The exposure of [`Exposure::Auto`], in stops, once there is a picture.
+    /// Exposure that [`Exposure::Auto`] has chosen, in stops; none before the first picture.
     pub auto_stops: Option<f32>,
-    /// Whether VPLs are marked.
+    /// True if VPLs are drawn over the picture.
     pub marks_vpls: bool,
-    /// What the studio said, newest last.
+    /// Messages of the render thread, newest last.
     pub notes: Vec<Note>,
-    /// Pictures a second, lately.
+    /// Pictures per second during about the last second.
     pub pictures_a_second: f64,
     launch: Option<Launch>,
     size: [u32; 2],
-    sent: Option<Order>,
+    sent: Option<Request>,
     changed: Option<Instant>,
     counted: (Option<Instant>, u64),
 }
 
 impl State {
-    /// As the command line has it.
+    /// Creates the state from the options of the command line.
     #[must_use]
     pub fn new(launch: Launch) -> Self {
         let side = Side::new(&launch.settings);
         Self {
             source: Source { spec: launch.spec.clone(), staging: launch.staging.clone() },
-            card: None,
+            scene_info: None,
             machine: Machine::default(),
             sides: [side.clone(), side],
             compares: false,
             divider: 0.5,
             active: 0,
             camera: 0,
-            stand: launch.stand,
+            orbit_camera: launch.orbit_camera,
             fov: launch.fov,
             playback: None,
             edits: Edits::default(),
@@ -184,108 +188,109 @@ impl State {
         }
     }
 
-    /// Opens another scene, as its file has it.
+    /// Opens another scene with its file's camera, pose and lights.
     pub fn open(&mut self, spec: &str) {
         self.source = Source { spec: spec.to_owned(), staging: Staging { size: self.size, ..Staging::default() } };
         self.edits = Edits::default();
-        (self.camera, self.stand, self.fov, self.playback) = (0, None, None, None);
+        (self.camera, self.orbit_camera, self.fov, self.playback) = (0, None, None, None);
     }
 
-    /// Why a method cannot be had, if so.
+    /// Returns the reason why this machine cannot run a method; none if it can.
     #[must_use]
-    pub fn lacks(&self, method: Method) -> Option<&str> {
+    pub fn lacks(&self, technique: Technique) -> Option<&str> {
         let Machine { no_device, no_rays, .. } = &self.machine;
-        match method {
+        match technique.method {
             Method::Reference => None,
-            _ if method.traces_rays() => no_rays.as_deref(),
+            _ if technique.needs_ray_queries() => no_rays.as_deref(),
             _ => no_device.as_deref(),
         }
     }
 
-    /// Whether the active side's picture is part of the command line's.
+    /// Returns the active side.
     fn side(&self) -> &Side {
         &self.sides[self.active]
     }
 
-    /// The camera of the scene that the user left, if it has one of that index.
+    /// Returns the scene's camera that the user started from; none if there is no scene or no such camera.
     fn base(&self) -> Option<&Camera> {
-        self.card.as_ref()?.cameras.get(self.camera)
+        self.scene_info.as_ref()?.cameras.get(self.camera)
     }
 
-    /// Where the user stands, or the scene's camera does.
+    /// Returns the user's camera position and target, or those of the scene's camera.
     #[must_use]
-    pub fn standing(&self) -> Option<Stand> {
-        let (card, base) = (self.card.as_ref()?, self.base()?);
-        let (middle, radius) = card.sphere;
+    pub fn current_orbit_camera(&self) -> Option<OrbitCamera> {
+        let (scene_info, base) = (self.scene_info.as_ref()?, self.base()?);
+        let (middle, radius) = scene_info.sphere;
         let eye = glam::Vec3::from(base.world_from_camera.translation);
-        // What is looked at lies about as far as the middle of the scene, or inside it, halfway.
+        // The target is as far away as the centre of the scene; if the camera is near the centre, half the
+        // scene's radius away.
         let distance = if eye.distance(middle) > 0.5 * radius { eye.distance(middle) } else { 0.5 * radius };
-        Some(self.stand.unwrap_or_else(|| Stand::of(base, distance.max(1e-3))))
+        Some(self.orbit_camera.unwrap_or_else(|| OrbitCamera::of(base, distance.max(1e-3))))
     }
 
-    /// Moves.
-    pub fn walk(&mut self, step: impl FnOnce(&mut Stand)) {
-        if let Some(mut stand) = self.standing() {
-            step(&mut stand);
-            self.stand = Some(stand);
+    /// Changes the camera's position and target.
+    pub fn move_camera(&mut self, step: impl FnOnce(&mut OrbitCamera)) {
+        if let Some(mut orbit_camera) = self.current_orbit_camera() {
+            step(&mut orbit_camera);
+            self.orbit_camera = Some(orbit_camera);
         }
     }
 
-    /// Metres that one step is worth: a share of the scene.
+    /// Returns the unit of camera motion in metres, which is the scene's radius.
     #[must_use]
     pub fn stride(&self) -> f32 {
-        self.card.as_ref().map_or(1.0, |card| card.sphere.1)
+        self.scene_info.as_ref().map_or(1.0, |scene_info| scene_info.sphere.1)
     }
 
-    /// The camera, where it is not the scene's own.
+    /// Returns the camera if it differs from the scene's own.
     fn placed(&self) -> Option<Camera> {
-        let base = self.base().filter(|_| self.stand.is_some() || self.fov.is_some())?;
-        let mut camera = self.stand.map_or_else(|| base.clone(), |stand| stand.camera(base));
+        let base = self.base().filter(|_| self.orbit_camera.is_some() || self.fov.is_some())?;
+        let mut camera = self.orbit_camera.map_or_else(|| base.clone(), |orbit_camera| orbit_camera.camera(base));
         if let Some(degrees) = self.fov {
             camera.projection = Projection::Perspective { fov: degrees.to_radians(), axis: FovAxis::Smaller };
         }
         Some(camera)
     }
 
-    /// Takes what the studio has left.
-    pub fn accept(&mut self, desk: Desk, now: Instant) {
-        if let Some(machine) = desk.machine {
+    /// Applies the results of the render thread.
+    pub fn accept(&mut self, outbox: Outbox, now: Instant) {
+        if let Some(machine) = outbox.machine {
             self.machine = machine;
         }
-        if let Some(card) = desk.card {
+        if let Some(scene_info) = outbox.scene_info {
             self.sides.iter_mut().for_each(|side| side.picture = None);
             self.auto_stops = None;
-            self.notes.extend(card.warnings.iter().map(|text| Note::Wrong(text.clone())));
-            self.notes.extend(card.notes.iter().map(|text| Note::Done(text.clone())));
-            self.card = Some(card);
+            self.notes.extend(scene_info.warnings.iter().map(|text| Note::Wrong(text.clone())));
+            self.notes.extend(scene_info.notes.iter().map(|text| Note::Done(text.clone())));
+            self.scene_info = Some(scene_info);
             self.finish_launch();
         }
-        for note in desk.notes {
-            if let (Note::NotLoaded(_), Some(card)) = (&note, &self.card) {
-                self.source = Source { spec: card.spec.clone(), ..self.source.clone() };
+        for note in outbox.notes {
+            if let (Note::NotLoaded(_), Some(scene_info)) = (&note, &self.scene_info) {
+                self.source = Source { spec: scene_info.spec.clone(), ..self.source.clone() };
             }
             self.notes.push(note);
         }
         let surplus = self.notes.len().saturating_sub(NOTES);
         self.notes.drain(..surplus);
-        for (side, picture) in self.sides.iter_mut().zip(desk.pictures) {
+        for (side, picture) in self.sides.iter_mut().zip(outbox.pictures) {
             side.picture = picture.or(side.picture.take());
         }
         self.expose();
         let (since, count) = self.counted;
         match since {
             Some(since) if now - since > Duration::from_secs(1) => {
-                self.pictures_a_second = (desk.count - count) as f64 / (now - since).as_secs_f64();
-                self.counted = (Some(now), desk.count);
+                self.pictures_a_second = (outbox.count - count) as f64 / (now - since).as_secs_f64();
+                self.counted = (Some(now), outbox.count);
             }
             Some(_) => {}
-            None => self.counted = (Some(now), desk.count),
+            None => self.counted = (Some(now), outbox.count),
         }
     }
 
-    /// How pictures are shown.
+    /// Returns exposure and tone curve of displayed pictures.
     #[must_use]
-    pub fn grade(&self) -> Grade {
+    pub fn display_tonemap(&self) -> Grade {
         let stops = match self.exposure {
             Exposure::Auto => self.auto_stops.unwrap_or_default(),
             Exposure::Stops(stops) => stops,
@@ -293,31 +298,32 @@ impl State {
         Grade { stops, tonemap: self.tonemap }
     }
 
-    /// Takes the exposure of the first pane's picture for both panes, so that they can be compared. While things move it
-    /// follows slowly, so that it does not flicker.
+    /// Takes the exposure of the first pane's picture for both panes, so that they can be compared. While the
+    /// picture moves, the exposure approaches its new value slowly, which avoids flicker.
     fn expose(&mut self) {
-        let exposed = |picture: &Picture| picture.auto_stops.map(|stops| (picture.order, stops));
+        let exposed = |picture: &Picture| picture.auto_stops.map(|stops| (picture.request, stops));
         let mut pictures = self.sides.iter().filter_map(|side| side.picture.as_ref());
-        let Some((order, stops)) = pictures.find_map(exposed) else { return };
-        let rests = self.sent.as_ref().is_none_or(|sent| !sent.moving && sent.number == order);
+        let Some((request, stops)) = pictures.find_map(exposed) else { return };
+        let rests = self.sent.as_ref().is_none_or(|sent| !sent.moving && sent.number == request);
         self.auto_stops = Some(match self.auto_stops {
             Some(before) if !rests => before + FOLLOWS * (stops - before),
             _ => stops,
         });
     }
 
-    /// What of the command line waited for the scene: names.
+    /// Resolves the camera and the animation of the command line by name or index, which needs the loaded
+    /// scene.
     fn finish_launch(&mut self) {
-        let (Some(launch), Some(card)) = (self.launch.take(), &self.card) else { return };
+        let (Some(launch), Some(scene_info)) = (self.launch.take(), &self.scene_info) else { return };
         let index = |wanted: &str, names: &[&str]| {
             let numbered = || wanted.parse().ok().filter(|&i: &usize| i < names.len());
             names.iter().position(|name| *name == wanted).or_else(numbered)
         };
-        match launch.staging.camera.index(&card.cameras) {
+        match launch.staging.camera.index(&scene_info.cameras) {
             Some(found) => self.camera = found,
             None => self.notes.push(Note::Wrong("there is no such camera".to_owned())),
         }
-        let names: Vec<&str> = card.animations.iter().map(|(name, _)| name.as_str()).collect();
+        let names: Vec<&str> = scene_info.animations.iter().map(|(name, _)| name.as_str()).collect();
         let animation = launch.animation.as_deref().map_or(Some(0), |wanted| index(wanted, &names));
         if launch.at.is_some() || launch.animation.is_some() {
             match animation.filter(|&a| a < names.len()) {
@@ -330,28 +336,28 @@ impl State {
         }
     }
 
-    /// Lets time pass: an animation that plays goes on, from its end to its beginning.
-    pub fn pass(&mut self, seconds: f32) {
-        let (Some(playback), Some(card)) = (&mut self.playback, &self.card) else { return };
-        if let Some(&(_, length)) = card.animations.get(playback.index).filter(|_| playback.playing) {
+    /// Advances the time of a playing animation, which repeats from its beginning.
+    pub fn advance_animation(&mut self, seconds: f32) {
+        let (Some(playback), Some(scene_info)) = (&mut self.playback, &self.scene_info) else { return };
+        if let Some(&(_, length)) = scene_info.animations.get(playback.index).filter(|_| playback.playing) {
             playback.seconds = if length > 0.0 { (playback.seconds + seconds) % length } else { 0.0 };
         }
     }
 
-    /// The size of the picture, in pixels of the screen.
+    /// Sets the size of the picture in pixels of the screen.
     pub fn resize(&mut self, size: [u32; 2]) {
         self.size = size.map(|side| side.clamp(*SIDES.start(), *SIDES.end()));
     }
 
-    /// The order, where it is another than the last one.
-    pub fn order(&mut self, now: Instant) -> Option<Order> {
+    /// Returns the request for the current state if it differs from the last one.
+    pub fn request(&mut self, now: Instant) -> Option<Request> {
         let [width, height] = self.size;
         let pane = |side: &Side| Pane {
             settings: Settings { width, height, camera: self.camera, ..side.settings.clone() },
             layer: side.layer,
         };
-        let mut order = Order {
-            number: self.sent.as_ref().map_or(0, |order| order.number),
+        let mut request = Request {
+            number: self.sent.as_ref().map_or(0, |request| request.number),
             source: self.source.clone(),
             pose: self.playback.map(|p| (p.index, p.seconds)),
             camera: self.placed(),
@@ -359,33 +365,34 @@ impl State {
             panes: self.sides.iter().take(if self.compares { PANES } else { 1 }).map(pane).collect(),
             moving: false,
         };
-        if let Some(sent) = self.sent.as_ref().filter(|sent| sent.source == order.source) {
-            let places = |order: &Order| order.panes.first().map(|p| [p.settings.width, p.settings.height]);
-            let moved = sent.pose != order.pose
-                || sent.camera != order.camera
-                || sent.edits != order.edits
-                || places(sent) != places(&order);
+        if let Some(sent) = self.sent.as_ref().filter(|sent| sent.source == request.source) {
+            let places = |request: &Request| request.panes.first().map(|p| [p.settings.width, p.settings.height]);
+            let moved = sent.pose != request.pose
+                || sent.camera != request.camera
+                || sent.edits != request.edits
+                || places(sent) != places(&request);
             if moved {
                 self.changed = Some(now);
             }
         }
-        order.moving = self.changed.is_some_and(|changed| now - changed < SETTLES);
-        if self.sent.as_ref() == Some(&order) {
+        request.moving = self.changed.is_some_and(|changed| now - changed < SETTLES);
+        if self.sent.as_ref() == Some(&request) {
             return None;
         }
-        order.number += 1;
-        self.sent = Some(order.clone());
-        Some(order)
+        request.number += 1;
+        self.sent = Some(request.clone());
+        Some(request)
     }
 
-    /// When something happens by itself next: the picture comes to rest.
+    /// Returns the time at which a moving picture comes to rest and needs a new request.
     #[must_use]
     pub fn rests_at(&self) -> Option<Instant> {
-        let moving = self.sent.as_ref().is_some_and(|order| order.moving);
+        let moving = self.sent.as_ref().is_some_and(|request| request.moving);
         self.changed.filter(|_| moving).map(|changed| changed + SETTLES)
     }
 
-    /// The command line that renders what the active side shows, and what it leaves out.
+    /// Returns the command line that renders the active side's picture, and the names of what it cannot
+    /// express.
     #[must_use]
     pub fn command_line(&self, output: &Path) -> (String, Vec<&'static str>) {
         let side = self.side();
@@ -396,12 +403,14 @@ impl State {
         option("size", format!("{}x{}", self.size[0], self.size[1]));
         let samples = side.picture.as_ref().map_or(1, |p| p.stats.samples.max(1));
         option("samples", samples.to_string());
-        // A camera that was chosen for a window of another shape would be another one.
+        // The automatic camera depends on the shape of the window, so its position is written out.
         let chosen = self.base().filter(|camera| camera.name == AUTO);
         if chosen.is_none() && self.camera != 0 {
             option("camera", self.camera.to_string());
         }
-        if let Some(Stand { eye, target }) = self.stand.or_else(|| chosen.and_then(|_| self.standing())) {
+        if let Some(OrbitCamera { eye, target }) =
+            self.orbit_camera.or_else(|| chosen.and_then(|_| self.current_orbit_camera()))
+        {
             let point = |p: glam::Vec3| format!("{},{},{}", p.x, p.y, p.z);
             option("eye", point(eye));
             option("target", point(target));
@@ -429,9 +438,9 @@ impl State {
         }
         if output.extension().is_some_and(|e| e == "png") {
             match self.exposure {
-                // The file's own picture would be exposed otherwise than the one that is shown.
+                // The exposure of the file's own picture would differ from the displayed one.
                 Exposure::Auto if self.active == 0 && side.layer == Layer::Light => {}
-                _ => option("exposure", self.grade().stops.to_string()),
+                _ => option("exposure", self.display_tonemap().stops.to_string()),
             }
             if self.tonemap != Tonemap::default() {
                 option("tonemap", self.tonemap.to_string());
@@ -451,7 +460,7 @@ impl State {
         (line.join(" "), left_out)
     }
 
-    /// A file of the scene's name that is not there yet, in the current folder.
+    /// Returns a file name made from the scene's name that is not in use in the current folder.
     #[must_use]
     pub fn free_file(&self, extension: &str) -> PathBuf {
         let spec = self.source.spec.trim_start_matches("builtin:");
@@ -462,7 +471,7 @@ impl State {
     }
 }
 
-/// A word as shells read it, as it is where that is safe.
+/// Quotes a word for the shell where that is necessary.
 fn quoted(word: &str) -> Cow<'_, str> {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_-+=:,./@%".contains(c);
     if !word.is_empty() && word.chars().all(plain) {
@@ -481,7 +490,7 @@ mod tests {
             spec: spec.to_owned(),
             staging: Staging::default(),
             settings: Settings::default(),
-            stand: None,
+            orbit_camera: None,
             fov: None,
             animation: None,
             at: None,
@@ -493,50 +502,50 @@ mod tests {
     fn loaded(spec: &str) -> State {
         let mut state = State::new(launch(spec));
         let scene = crate::scene::load(spec).unwrap();
-        let card = Card {
+        let scene_info = SceneInfo {
             spec: spec.to_owned(),
             cameras: scene.cameras.clone(),
             animations: vec![("walk".to_owned(), 2.0)],
             lights: scene.lights.clone(),
             sphere: (Vec3::ZERO, 3.0),
-            ..Card::default()
+            ..SceneInfo::default()
         };
-        state.accept(Desk { card: Some(card), ..Desk::default() }, Instant::now());
+        state.accept(Outbox { scene_info: Some(scene_info), ..Outbox::default() }, Instant::now());
         state
     }
 
     #[test]
-    fn an_order_is_given_once_and_moves_until_it_rests() {
+    fn a_request_is_sent_once_and_moves_until_it_rests() {
         let mut state = loaded("builtin:cornell_point");
         state.resize([64, 36]);
         let now = Instant::now();
-        let first = state.order(now).unwrap();
+        let first = state.request(now).unwrap();
         assert_eq!((first.number, first.moving, first.panes.len()), (1, false, 1));
         assert_eq!(first.camera, None, "the scene's own");
-        assert!(state.order(now).is_none() && state.rests_at().is_none());
+        assert!(state.request(now).is_none() && state.rests_at().is_none());
 
-        state.walk(|stand| stand.orbit(0.1, 0.0));
-        let moved = state.order(now).unwrap();
+        state.move_camera(|orbit_camera| orbit_camera.orbit(0.1, 0.0));
+        let moved = state.request(now).unwrap();
         assert!(moved.moving && moved.camera.is_some() && moved.number == 2);
-        assert!(state.order(now + SETTLES / 2).is_none());
+        assert!(state.request(now + SETTLES / 2).is_none());
         let at = state.rests_at().unwrap();
-        let rested = state.order(at).unwrap();
+        let rested = state.request(at).unwrap();
         assert!(!rested.moving && rested.camera == moved.camera);
 
-        state.sides[0].use_method(Method::Path);
-        assert!(!state.order(at).unwrap().moving, "another method is sharp at once");
+        state.sides[0].use_method(Technique::PATH);
+        assert!(!state.request(at).unwrap().moving, "another method is sharp at once");
         state.compares = true;
-        assert_eq!(state.order(at).unwrap().panes.len(), 2);
+        assert_eq!(state.request(at).unwrap().panes.len(), 2);
     }
 
     #[test]
     fn a_scene_that_cannot_be_loaded_leaves_the_old_one() {
         let mut state = loaded("builtin:cornell_point");
-        state.stand = Some(Stand { eye: Vec3::ONE, target: Vec3::ZERO });
+        state.orbit_camera = Some(OrbitCamera { eye: Vec3::ONE, target: Vec3::ZERO });
         state.open("no.glb");
-        assert_eq!((state.source.spec.as_str(), state.stand), ("no.glb", None));
+        assert_eq!((state.source.spec.as_str(), state.orbit_camera), ("no.glb", None));
         let notes = vec![Note::NotLoaded("no.glb: is not there".to_owned())];
-        state.accept(Desk { notes, ..Desk::default() }, Instant::now());
+        state.accept(Outbox { notes, ..Outbox::default() }, Instant::now());
         assert_eq!(state.source.spec, "builtin:cornell_point");
         assert_eq!(state.notes.len(), 1);
     }
@@ -544,24 +553,24 @@ mod tests {
     #[test]
     fn animations_go_round() {
         let mut state = loaded("builtin:cornell_point");
-        state.pass(1.0);
+        state.advance_animation(1.0);
         assert_eq!(state.playback, None);
         state.playback = Some(Playback { index: 0, seconds: 1.5, playing: false });
-        state.pass(1.0);
+        state.advance_animation(1.0);
         assert_eq!(state.playback.unwrap().seconds, 1.5);
         state.playback.as_mut().unwrap().playing = true;
-        state.pass(1.0);
+        state.advance_animation(1.0);
         assert!((state.playback.unwrap().seconds - 0.5).abs() < 1e-6);
     }
 
     #[test]
     fn methods_that_the_machine_lacks_say_why() {
         let mut state = loaded("builtin:cornell_point");
-        assert_eq!(state.lacks(Method::Path), None);
+        assert_eq!(state.lacks(Technique::PATH), None);
         state.machine.no_rays = Some("no rays".to_owned());
-        assert_eq!((state.lacks(Method::Twin), state.lacks(Method::Raster)), (Some("no rays"), None));
+        assert_eq!((state.lacks(Technique::TWIN), state.lacks(Technique::RASTER)), (Some("no rays"), None));
         state.machine.no_device = Some("no device".to_owned());
-        assert_eq!((state.lacks(Method::Raster), state.lacks(Method::Reference)), (Some("no device"), None));
+        assert_eq!((state.lacks(Technique::RASTER), state.lacks(Technique::REFERENCE)), (Some("no device"), None));
     }
 
     #[test]
@@ -572,12 +581,12 @@ mod tests {
         assert_eq!(line, "lightsheaf render builtin:cornell_point -o a.png --size 640x360 --samples 1");
         assert!(left_out.is_empty());
 
-        state.stand = Some(Stand { eye: Vec3::new(0.1, -2.5, 3.0), target: Vec3::ZERO });
+        state.orbit_camera = Some(OrbitCamera { eye: Vec3::new(0.1, -2.5, 3.0), target: Vec3::ZERO });
         state.fov = Some(50.0);
         (state.exposure, state.tonemap) = (Exposure::Stops(1.5), Tonemap::Clip);
         state.playback = Some(Playback { index: 0, seconds: 0.5, playing: false });
         state.sides[0].chosen.0.insert("bounces".to_owned(), "4".to_owned());
-        state.sides[0].settle();
+        state.sides[0].validate();
         state.edits.emissions.insert(0, Vec3::ONE);
         let (line, left_out) = state.command_line(Path::new("my a.png"));
         for part in [
@@ -595,14 +604,14 @@ mod tests {
         assert!(!linear.contains("--exposure") && !linear.contains("--tonemap"), "{linear}");
     }
 
-    fn picture(order: u64, auto_stops: Option<f32>) -> Picture {
+    fn picture(request: u64, auto_stops: Option<f32>) -> Picture {
         Picture {
-            order,
+            request,
             film: std::sync::Arc::new(crate::film::Film::new(1, 1)),
             layer: if auto_stops.is_some() { Layer::Light } else { Layer::Normal },
             auto_stops,
             coarseness: 1,
-            stats: crate::renderer::RenderStats::default(),
+            stats: crate::render::renderer::RenderStats::default(),
             batch: (1, 0.1),
             plan: "".into(),
             vpls: Vec::new(),
@@ -615,13 +624,13 @@ mod tests {
     fn both_panes_have_the_exposure_of_the_first_and_it_follows_slowly_what_moves() {
         let mut state = loaded("builtin:cornell_point");
         let show = |state: &mut State, pictures| {
-            state.accept(Desk { pictures, ..Desk::default() }, Instant::now());
-            state.grade().stops
+            state.accept(Outbox { pictures, ..Outbox::default() }, Instant::now());
+            state.display_tonemap().stops
         };
-        assert_eq!(state.grade().stops, 0.0, "no picture yet");
+        assert_eq!(state.display_tonemap().stops, 0.0, "no picture yet");
         let now = Instant::now();
         state.compares = true;
-        let rest = state.order(now).unwrap().number;
+        let rest = state.request(now).unwrap().number;
         assert_eq!(show(&mut state, [Some(picture(rest, Some(2.0))), Some(picture(rest, Some(-3.0)))]), 2.0);
         assert_eq!(show(&mut state, [None, Some(picture(rest, Some(-1.0)))]), 2.0);
         let (line, _) = state.command_line(Path::new("a.png"));
@@ -630,19 +639,19 @@ mod tests {
         let (line, _) = state.command_line(Path::new("a.png"));
         assert!(line.contains("--exposure 2"), "that of the other picture: {line}");
 
-        // A pane of normals has none.
+        // A pane of normals has no exposure.
         assert_eq!(show(&mut state, [Some(picture(rest, None)), None]), -1.0);
-        state.walk(|stand| stand.orbit(0.1, 0.0));
-        let moving = state.order(now).unwrap();
+        state.move_camera(|orbit_camera| orbit_camera.orbit(0.1, 0.0));
+        let moving = state.request(now).unwrap();
         assert!(moving.moving);
         let moved = show(&mut state, [Some(picture(moving.number, Some(1.0))), None]);
         assert!((moved - -0.8).abs() < 1e-6, "{moved}");
-        let rested = state.order(now + SETTLES).unwrap();
+        let rested = state.request(now + SETTLES).unwrap();
         let late = show(&mut state, [Some(picture(moving.number, Some(1.0))), None]);
         assert!(late < 1.0, "a picture of what moved: {late}");
         assert_eq!(show(&mut state, [Some(picture(rested.number, Some(1.25))), None]), 1.25);
 
         state.exposure = Exposure::Stops(-0.5);
-        assert_eq!(state.grade(), Grade { stops: -0.5, tonemap: Tonemap::default() });
+        assert_eq!(state.display_tonemap(), Grade { stops: -0.5, tonemap: Tonemap::default() });
     }
 }

@@ -1,6 +1,7 @@
-//! The window: winit's events to egui, the state's orders to the studio, its pictures back.
+//! The window: passes winit's events to egui and requests to the render thread, and displays its pictures.
 //!
-//! Nothing here waits for a picture: each turn of the loop handles what has come, draws the interface once and sleeps.
+//! No call waits for a picture. Each turn of the event loop handles the pending events, draws the interface
+//! once and sleeps.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,33 +12,33 @@ use winit::event::{ElementState, MouseButton, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy};
 use winit::window::{Window, WindowId};
 
-use super::order::Command;
+use super::render_thread::{RenderThread, open};
+use super::request::Command;
 use super::screen::{Drawn, Interface as Painting, Screen};
 use super::state::{Launch, State};
-use super::studio::{Studio, open};
 use super::ui::{Action, Interface, file_of, style};
 
-/// Least size of the window, points.
+/// Minimum size of the window, points.
 const LEAST: LogicalSize<f64> = LogicalSize::new(320.0, 200.0);
-/// How soon a window that could not be drawn to is tried again.
+/// Delay before drawing to a window is tried again after a failure.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// Why there is no window.
+/// An error that prevents a window.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// No display, or what it said.
+    /// No display is available, or it reported an error.
     #[error("no window can be opened: {0}; `lightsheaf render` needs none")]
     Display(String),
 }
 
-/// Something new lies on the studio's desk.
+/// Event that announces new results in the render thread's outbox.
 #[derive(Debug)]
 struct Wake;
 
-/// Opens a window of that size in pixels, and returns when it is closed.
+/// Opens a window of the given size in pixels and returns after it is closed.
 ///
 /// # Errors
-/// [`WindowError`] where there is no display.
+/// Returns [`WindowError`] if there is no display.
 pub fn run(launch: Launch, size: [u32; 2]) -> Result<(), WindowError> {
     let failed = |e: &dyn std::fmt::Display| WindowError::Display(e.to_string());
     let events = EventLoop::<Wake>::with_user_event().build().map_err(|e| failed(&e))?;
@@ -48,22 +49,22 @@ pub fn run(launch: Launch, size: [u32; 2]) -> Result<(), WindowError> {
     app.failed.map_or(Ok(()), |cause| Err(WindowError::Display(cause)))
 }
 
-/// How long input waits until the interface that has seen it is on the screen.
+/// Measures the latency from an input event to the frame that shows its effect.
 #[derive(Default)]
 struct Waits {
-    /// Whatever the loop finds has come since then.
+    /// Earliest time at which events that the loop now handles can have arrived.
     since: Option<Instant>,
-    /// When it last began to look.
+    /// Time at which the loop last polled for events.
     looked: Option<Instant>,
-    /// The oldest input that has not been shown, and what it was.
+    /// Arrival time and kind of the oldest input that is not displayed yet.
     oldest: Option<(Instant, &'static str)>,
     longest: Duration,
 }
 
 impl Waits {
-    /// The loop looks for events, after it slept since `slept` or, in an instant, not at all: then they may have come at any time
-    /// after it last looked.
-    fn look(&mut self, slept: Option<Instant>) {
+    /// Records that the loop polls for events after it slept since `slept`. If it slept less than a
+    /// millisecond or not at all, the events may have arrived at any time since the previous poll.
+    fn poll(&mut self, slept: Option<Instant>) {
         let now = Instant::now();
         let awake = slept.is_none_or(|slept| now - slept < Duration::from_millis(1));
         self.since = if awake { self.looked.or(Some(now)) } else { Some(now) };
@@ -75,7 +76,7 @@ impl Waits {
         self.oldest.get_or_insert((since, what));
     }
 
-    /// A frame that took so long to lay out is on the screen; the rest of the time went into drawing it, and into waiting.
+    /// Records that a frame is displayed, from the times that its layout and its drawing took.
     fn shown(&mut self, laid_out: Duration, drawn: Duration) {
         if let Some((since, what)) = self.oldest.take() {
             let wait = since.elapsed();
@@ -86,7 +87,7 @@ impl Waits {
     }
 }
 
-/// What draws, while there is a window.
+/// The open window with its device and egui.
 struct View {
     window: Arc<Window>,
     screen: Option<Screen>,
@@ -98,11 +99,11 @@ struct App {
     size: [u32; 2],
     state: State,
     interface: Interface,
-    studio: Studio,
+    render_thread: RenderThread,
     view: Option<View>,
     waits: Waits,
     drawn: Option<Instant>,
-    /// When the interface is to be drawn again by itself.
+    /// Time at which the interface is to be redrawn without input.
     due: Option<Instant>,
     samples: u64,
     failed: Option<String>,
@@ -111,13 +112,13 @@ struct App {
 impl App {
     fn new(launch: Launch, size: [u32; 2], proxy: &EventLoopProxy<Wake>) -> Self {
         let proxy = proxy.clone();
-        // It only fails where the loop has ended.
+        // Sending fails only after the event loop has ended.
         let wake = move || _ = proxy.send_event(Wake);
         Self {
             size,
             state: State::new(launch),
             interface: Interface::default(),
-            studio: Studio::new(open, wake),
+            render_thread: RenderThread::new(open, wake),
             view: None,
             waits: Waits::default(),
             drawn: None,
@@ -138,12 +139,12 @@ impl App {
         Ok(View { window, screen: Some(screen), context, input })
     }
 
-    /// A frame of the interface.
+    /// Draws a frame of the interface.
     fn draw(&mut self) {
         let Some(view) = &mut self.view else { return };
         let now = Instant::now();
         if view.screen.is_none() {
-            // The device was lost: another, and all textures anew.
+            // The device was lost: a new one needs all textures again.
             match Screen::new(&view.window) {
                 Ok(screen) => {
                     (view.context, view.input) = interface_of(&view.window, &screen, Some(&view.context));
@@ -166,12 +167,12 @@ impl App {
         let mut output = view.context.run_ui(input, |ui| actions.extend(interface.show(ui, state, seconds)));
         view.input.handle_platform_output(&view.window, output.platform_output);
         for Action::Save(extension) in actions {
-            let (pane, path, grade) = file_of(state, extension);
-            self.studio.send(Command::Save { pane, path, grade });
+            let (pane, path, tonemap) = file_of(state, extension);
+            self.render_thread.send(Command::Save { pane, path, tonemap });
         }
-        // Before it is drawn, so that the studio is at work meanwhile.
-        if let Some(order) = state.order(now) {
-            self.studio.send(Command::Show(Box::new(order)));
+        // The request is sent before the interface is drawn, so that the render thread works meanwhile.
+        if let Some(request) = state.request(now) {
+            self.render_thread.send(Command::Show(Box::new(request)));
         }
         let laid_out = now.elapsed();
         let jobs = view.context.tessellate(output.shapes, output.pixels_per_point);
@@ -197,7 +198,7 @@ impl App {
     }
 }
 
-/// egui for a screen that has none of its textures; what an earlier one remembered is kept.
+/// Creates egui's context for a screen that has none of its textures, with the memory of the earlier context.
 fn interface_of(
     window: &Arc<Window>,
     screen: &Screen,
@@ -217,7 +218,7 @@ fn interface_of(
 
 impl ApplicationHandler<Wake> for App {
     fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
-        self.waits.look(match cause {
+        self.waits.poll(match cause {
             StartCause::WaitCancelled { start, .. } | StartCause::ResumeTimeReached { start, .. } => Some(start),
             StartCause::Init | StartCause::Poll => None,
         });
@@ -237,18 +238,18 @@ impl ApplicationHandler<Wake> for App {
     }
 
     fn user_event(&mut self, _: &ActiveEventLoop, Wake: Wake) {
-        let desk = self.studio.take();
-        if let Some(picture) = &desk.pictures[0] {
+        let outbox = self.render_thread.take();
+        if let Some(picture) = &outbox.pictures[0] {
             log::debug!("picture of {} samples at 1/{}", picture.stats.samples, picture.coarseness);
             if picture.coarseness == 1 && picture.stats.samples.max(1).ilog2() != self.samples.max(1).ilog2() {
-                log::info!("{} samples by {}", picture.stats.samples, self.state.sides[0].settings.method);
+                log::info!("{} samples by {}", picture.stats.samples, self.state.sides[0].settings.technique);
             }
             self.samples = picture.stats.samples;
         }
-        if let (Some(card), Some(view)) = (&desk.card, &self.view) {
-            view.window.set_title(&format!("{} - Lightsheaf", card.spec));
+        if let (Some(scene_info), Some(view)) = (&outbox.scene_info, &self.view) {
+            view.window.set_title(&format!("{} - Lightsheaf", scene_info.spec));
         }
-        self.state.accept(desk, Instant::now());
+        self.state.accept(outbox, Instant::now());
         self.redraw();
     }
 
@@ -269,8 +270,9 @@ impl ApplicationHandler<Wake> for App {
             WindowEvent::Resized(_) => self.waits.input("size"),
             _ => {}
         }
-        // egui takes a button to be where the pointer is at the end of a frame. However slow frames are, one therefore ends where a
-        // button goes down, and one where the pointer had got to before it goes up.
+        // egui takes a button event to occur at the pointer's position at the end of a frame. A frame
+        // therefore ends when a button is pressed, and another one before it is released, however slow frames
+        // are.
         let button = if let WindowEvent::MouseInput { state, .. } = event { Some(state) } else { None };
         if button == Some(ElementState::Released) {
             self.draw();

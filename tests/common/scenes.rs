@@ -2,21 +2,22 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
+use lightsheaf::scene::model::shapes;
 #[allow(unused_imports, reason = "not every test builds with both")]
-pub use lightsheaf::scene::shapes::{add, quad};
-use lightsheaf::scene::{Camera, Emission, FovAxis, Material, Mesh, Projection, Scene, shapes};
+pub use lightsheaf::scene::model::shapes::{add, quad};
+use lightsheaf::scene::{Camera, Emission, FovAxis, Material, Mesh, Projection, Scene};
 
-/// A floor at height y, front up, from -half to half.
+/// Returns a floor at height y, front up, from -half to half.
 pub fn floor(half: f32, y: f32) -> Mesh {
     quad(Vec3::new(-half, y, half), Vec3::X * (2.0 * half), Vec3::NEG_Z * (2.0 * half))
 }
 
-/// The inside of a box from -1 to 1, fronts inwards.
+/// Returns the inside of a box from -1 to 1, fronts inwards.
 pub fn room() -> Mesh {
     shapes::room(1.0)
 }
 
-/// An icosahedron subdivided onto the unit sphere, fronts outwards, flat.
+/// Returns an icosahedron subdivided onto the unit sphere, fronts outwards, flat.
 pub fn sphere(subdivisions: u32) -> Mesh {
     let g = (1.0 + 5.0_f32.sqrt()) / 2.0;
     let mut positions: Vec<Vec3> = Vec::new();
@@ -61,7 +62,7 @@ pub fn inverted(mut mesh: Mesh) -> Mesh {
     mesh
 }
 
-/// A diffuse material that emits.
+/// Returns a diffuse material that emits.
 pub fn emitter(albedo: f32, radiance: Vec3, two_sided: bool) -> Material {
     Material {
         emission: Some(Emission { radiance: radiance.into(), two_sided }),
@@ -69,7 +70,7 @@ pub fn emitter(albedo: f32, radiance: Vec3, two_sided: bool) -> Material {
     }
 }
 
-/// A parallel camera that looks along a direction at a square of the given half side.
+/// Returns a parallel camera that looks along a direction at a square of the given half side.
 pub fn parallel(at: Vec3, along: Vec3, half: f32) -> Camera {
     Camera {
         name: "parallel".into(),
@@ -80,7 +81,7 @@ pub fn parallel(at: Vec3, along: Vec3, half: f32) -> Camera {
     }
 }
 
-/// A pinhole with a full angle of view in radians.
+/// Returns a pinhole with a full angle of view in radians.
 pub fn pinhole(at: Vec3, along: Vec3, fov: f32) -> Camera {
     Camera {
         name: "pinhole".into(),
@@ -97,7 +98,7 @@ fn look(at: Vec3, along: Vec3) -> Affine3A {
     Affine3A::from_mat3_translation(glam::Mat3::from_cols(x, z.cross(x), z), at)
 }
 
-/// Renders a square image silently.
+/// Renders a square image by the reference.
 pub fn render(scene: &Scene, side: u32, samples: u32, bounces: Option<u32>) -> ReferenceOutput {
     let settings = ReferenceSettings { width: side, height: side, samples, bounces, seed: 1, camera: 0 };
     let output = Reference::new(scene).render(&settings, &|_, _| ());
@@ -105,13 +106,13 @@ pub fn render(scene: &Scene, side: u32, samples: u32, bounces: Option<u32>) -> R
     output
 }
 
-/// Mean of an image.
+/// Returns the mean of an image.
 pub fn mean(output: &ReferenceOutput) -> [f64; 3] {
     let pixels = &output.film.pixels;
     [0, 1, 2].map(|c| pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / pixels.len() as f64)
 }
 
-/// Asserts that a value is within a relative tolerance of what it should be.
+/// Asserts that a value is within a relative tolerance of the expected one.
 #[track_caller]
 pub fn close(actual: f64, expected: f64, tolerance: f64) {
     assert!((actual - expected).abs() <= tolerance * expected.abs(), "{actual} is not {expected} within {tolerance}");

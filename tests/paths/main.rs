@@ -1,4 +1,4 @@
-//! `path` and `ray-query` against the reference, in the mean and pixel by pixel; and against themselves.
+//! `path` and `ray-query` against the reference, in the mean and pixel by pixel, and against themselves.
 
 #[path = "../common/mod.rs"]
 mod common;
@@ -11,20 +11,23 @@ use common::statistics::{Look, compare, compare_pixels, pixels_against};
 use glam::{Vec2, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
-use lightsheaf::path_renderer::PathRenderer;
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::renderer::{Progressive as _, RenderStats};
+use lightsheaf::render::renderer::{RenderStats, Renderer as _};
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{Boundary, Light, Scene, builtin};
-use lightsheaf::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
+use lightsheaf::settings::{LightSampling, OnlyStrategy, RestirBias, Settings, Technique};
 use lightsheaf::staging::{self, Staging};
 
-const METHODS: [Method; 2] = [Method::Path, Method::RayQuery];
+const METHODS: [Technique; 2] = [Technique::PATH, Technique::RAY_QUERY];
 
 /// Pictures of a method in a comparison, each with a seed of its own.
-const PICTURES: u32 = 10;
+const PICTURES: u32 = 8;
 
-fn settings(method: Method, side: u32, samples: u32, bounces: u32) -> Settings {
-    Settings { method, width: side, height: side, samples, bounces, ..Settings::plain() }
+/// Pixels along a side of most pictures: three by three blocks.
+const SIDE: u32 = 24;
+
+fn settings(technique: Technique, side: u32, samples: u32, bounces: u32) -> Settings {
+    Settings { technique, width: side, height: side, samples, bounces, ..Settings::plain() }
 }
 
 fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats) {
@@ -36,17 +39,15 @@ fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats)
     (film, stats)
 }
 
+/// Renders pictures of different seeds by one renderer that begins anew for each.
 fn pictures(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
-    (1..=PICTURES).map(|seed| picture(gpu, scene, &Settings { seed, ..settings.clone() }).0).collect()
-}
-
-/// The same by one renderer that begins anew.
-fn series(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
     let mut renderer = PathRenderer::new(gpu, scene, settings).unwrap();
     (1..=PICTURES)
         .map(|seed| {
             renderer.restart(seed);
             renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+            gpu.check().unwrap();
+            assert_eq!(renderer.stats().non_finite, 0);
             renderer.film().unwrap()
         })
         .collect()
@@ -64,61 +65,63 @@ fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
         .collect()
 }
 
-/// Every light, material and camera, each pixel and each block against the reference.
+/// Compares both techniques with the reference, pixel by pixel and block by block.
 fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    let expected = references(scene, &settings(Method::Path, side, 1, bounces), 64);
-    for method in METHODS {
-        let films = pictures(gpu, scene, &settings(method, side, 32, bounces));
+    let expected = references(scene, &settings(Technique::PATH, side, 1, bounces), 64);
+    for technique in METHODS {
+        let films = pictures(gpu, scene, &settings(technique, side, 32, bounces));
         let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
-        println!("{name}, {method}: {pixels:?} {blocks:?}");
-        assert!(pixels.agrees(), "{name}, {method}: {pixels:?}");
-        assert!(blocks.agrees(), "{name}, {method}: {blocks:?}");
+        println!("{name}, {technique}: {pixels:?} {blocks:?}");
+        assert!(pixels.agrees(), "{name}, {technique}: {pixels:?}");
+        assert!(blocks.agrees() && blocks.is_sharp(), "{name}, {technique}: {blocks:?}");
     }
 }
 
 #[test]
 fn cornell_boxes_agree_with_the_reference() {
     for name in ["point", "area", "env"] {
-        agrees(name, &scenes::cornell(name), 32, 3);
+        agrees(name, &scenes::cornell(name), SIDE, 3);
     }
 }
 
 #[test]
 fn reflection_agrees_with_the_reference() {
-    agrees("reflecting", &scenes::reflecting(), 32, 3);
-    agrees("mirrors", &scenes::mirrors(), 32, 3);
+    agrees("reflecting", &scenes::reflecting(), SIDE, 3);
+    agrees("mirrors", &scenes::mirrors(), SIDE, 3);
 }
 
 #[test]
 fn transmission_agrees_with_the_reference() {
-    agrees("transmitting", &scenes::transmitting(), 32, 5);
+    agrees("transmitting", &scenes::transmitting(), SIDE, 5);
 }
 
 #[test]
 fn textures_masks_and_parallel_rays_agree_with_the_reference() {
-    agrees("textured", &scenes::textured(), 32, 2);
+    agrees("textured", &scenes::textured(), SIDE, 2);
 }
 
-/// Halls of many lights, by every way to choose one. `ray-query` has the tree and uniform choice.
+/// Compares halls of many lights with every kind of light sampling. `ray-query` has the tree and uniform
+/// choice.
 fn halls_agree(lights: u32, side: u32, samples: u32) {
     use LightSampling::{Power, Restir, Ris, Tree, Uniform};
     let Some(gpu) = gpu_with_ray_queries() else { return };
     for hall in ["emitter_hall", "point_hall"] {
         let name = format!("{hall}:{lights}");
         let scene = builtin::load(&name).unwrap();
-        let expected = references(&scene, &settings(Method::Path, side, 1, 1), 16 * samples);
-        let both = [Tree, Uniform].map(|choice| (Method::RayQuery, choice));
-        let alone = [Tree, Power, Uniform, Ris, Restir].map(|choice| (Method::Path, choice));
-        for (method, choice) in both.into_iter().chain(alone) {
+        let expected = references(&scene, &settings(Technique::PATH, side, 1, 1), 16 * samples);
+        let both = [Tree, Uniform].map(|choice| (Technique::RAY_QUERY, choice));
+        let alone = [Tree, Power, Uniform, Ris, Restir].map(|choice| (Technique::PATH, choice));
+        for (technique, choice) in both.into_iter().chain(alone) {
             // Pictures are independent, though the samples of one with reuse are not.
-            let settings = Settings { light_sampling: Some(choice), ..settings(method, side, samples, 1) };
-            let films = series(gpu, &scene, &settings);
+            let settings = Settings { light_sampling: Some(choice), ..settings(technique, side, samples, 1) };
+            let films = pictures(gpu, &scene, &settings);
             let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
-            println!("{name}, {method}, {choice}: {pixels:?} {blocks:?}");
-            // By power or evenly, what makes a pixel bright is met too rarely for a spread of its own.
-            assert!(pixels.agrees() || !choice.has_tree(), "{name}, {method}, {choice}: {pixels:?}");
-            assert!(blocks.agrees(), "{name}, {method}, {choice}: {blocks:?}");
+            println!("{name}, {technique}, {choice}: {pixels:?} {blocks:?}");
+            // By power or uniformly, the lights that dominate a pixel are chosen too rarely for a spread per
+            // pixel.
+            assert!(pixels.agrees() || !choice.has_tree(), "{name}, {technique}, {choice}: {pixels:?}");
+            assert!(blocks.agrees(), "{name}, {technique}, {choice}: {blocks:?}");
         }
     }
 }
@@ -128,24 +131,25 @@ fn halls_of_lights_agree_with_the_reference() {
     halls_agree(300, 16, 32);
 }
 
-/// All lights that the halls have.
+/// The halls have all their lights here.
 #[test]
 #[ignore = "long: 10,000 emitters, and as many point lights"]
 fn halls_of_many_lights_agree_with_the_reference() {
     halls_agree(10_000, 32, 128);
 }
 
-/// With and without memory, reuse has the mean of the reference; counting all pixels that were asked instead has not.
+/// Unbiased reuse has the mean of the reference, with and without memory; biased reuse, which counts all
+/// queried pixels, has not.
 #[test]
 fn reuse_is_biased_only_where_asked_to_be() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let scene = builtin::load("emitter_hall:300").unwrap();
-    let settings = Settings { light_sampling: Some(LightSampling::Restir), ..settings(Method::Path, 24, 64, 0) };
+    let settings = Settings { light_sampling: Some(LightSampling::Restir), ..settings(Technique::PATH, 24, 64, 0) };
     let expected = references(&scene, &settings, 2048);
     for (restir_bias, restir_memory, wanted) in
         [(RestirBias::Unbiased, 0.0, true), (RestirBias::Unbiased, 8.0, true), (RestirBias::Biased, 8.0, false)]
     {
-        let films = series(gpu, &scene, &Settings { restir_bias, restir_memory, ..settings.clone() });
+        let films = pictures(gpu, &scene, &Settings { restir_bias, restir_memory, ..settings.clone() });
         let verdict = compare(&films, &expected, Look::Blocks);
         println!("{restir_bias}, {restir_memory}: {verdict:?}");
         assert_eq!(verdict.agrees(), wanted, "{restir_bias}, {restir_memory}: {verdict:?}");
@@ -154,15 +158,15 @@ fn reuse_is_biased_only_where_asked_to_be() {
 
 #[test]
 fn a_lens_agrees_with_the_reference() {
-    agrees("lens", &scenes::lens(), 32, 2);
+    agrees("lens", &scenes::lens(), SIDE, 2);
 }
 
 #[test]
 fn lamps_suns_patterns_and_textured_emitters_agree_with_the_reference() {
-    agrees("lamps", &scenes::lamps(), 32, 2);
+    agrees("lamps", &scenes::lamps(), SIDE, 2);
 }
 
-/// A light that is 0.75 % too bright is found in the mean; one that is missing in the pixels.
+/// A light that is 0.75 % too bright is found in the mean, and a missing one in the pixels.
 #[test]
 fn planted_errors_are_caught() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -172,14 +176,14 @@ fn planted_errors_are_caught() {
         let Light::Point { intensity, .. } = light else { unreachable!() };
         *intensity *= 1.0075;
     }
-    for method in METHODS {
-        let settings = settings(method, 16, 64, 2);
+    for technique in METHODS {
+        let settings = settings(technique, 16, 64, 2);
         let expected = references(&scene, &settings, 256);
         let verdict = |scene: &Scene| compare(&pictures(gpu, scene, &settings), &expected, Look::Blocks);
-        assert!(verdict(&scene).agrees(), "{method}: {:?}", verdict(&scene));
-        assert!(!verdict(&brighter).agrees(), "{method}: {:?}", verdict(&brighter));
+        assert!(verdict(&scene).agrees(), "{technique}: {:?}", verdict(&scene));
+        assert!(!verdict(&brighter).agrees(), "{technique}: {:?}", verdict(&brighter));
     }
-    let settings = settings(Method::RayQuery, 32, 32, 2);
+    let settings = settings(Technique::RAY_QUERY, 32, 32, 2);
     let reflecting = scenes::reflecting();
     let mut dark = reflecting.clone();
     dark.lights.pop();
@@ -187,7 +191,7 @@ fn planted_errors_are_caught() {
     assert!(!verdict.agrees(), "{verdict:?}");
 }
 
-/// Scenes whose answer is known, within half a percent in the mean.
+/// Scenes with a known answer are within half a percent in the mean.
 #[test]
 fn analytic_scenes() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -205,35 +209,38 @@ fn analytic_scenes() {
         ("single_triangle", 0),
     ] {
         let scene = builtin::load(name).unwrap();
-        for method in METHODS {
-            let (film, _) = picture(gpu, &scene, &settings(method, 32, 128, bounces));
+        for technique in METHODS {
+            let (film, _) = picture(gpu, &scene, &settings(technique, 32, 128, bounces));
             let at = |i: usize| (Vec2::new((i % 32) as f32, (i / 32) as f32) + 0.5) / 32.0;
             let expected: f64 =
                 (0..film.pixels.len()).filter_map(|i| builtin::answer(name, Some(bounces), at(i))).sum();
             let actual: f64 = film.pixels.iter().map(|p| f64::from(p[0])).sum();
-            println!("{name}, {bounces} bounces, {method}: {actual} {expected}");
-            assert!((actual / expected - 1.0).abs() < 0.005, "{name}, {bounces}, {method}: {actual} is not {expected}");
+            println!("{name}, {bounces} bounces, {technique}: {actual} {expected}");
+            assert!(
+                (actual / expected - 1.0).abs() < 0.005,
+                "{name}, {bounces}, {technique}: {actual} is not {expected}"
+            );
             checked += 1;
         }
     }
     assert_eq!(checked, 20);
 }
 
-/// The sum of the weighted images of all strategies is the picture, and each strategy has its share; a strategy that is alone has
-/// the picture's mean without its weight.
+/// The weighted images of all strategies add up to the picture, and each strategy contributes. A strategy
+/// that is alone without its weight has the picture's mean.
 #[test]
 fn strategy_images_add_up_to_the_picture() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     for (name, scene) in [("reflecting", scenes::reflecting()), ("transmitting", scenes::transmitting())] {
         let bounces = 2;
-        let full = settings(Method::RayQuery, 24, 16, bounces);
+        let full = settings(Technique::RAY_QUERY, 24, 16, bounces);
         let (whole, _) = picture(gpu, &scene, &full);
         let mut renderer = PathRenderer::new(gpu, &scene, &full).unwrap();
         let mut sum = vec![[0.0_f64; 3]; whole.pixels.len()];
         let all: Vec<_> = OnlyStrategy::all(bounces, true).collect();
         assert_eq!(all.len(), 2 + 3 + 4 + 5);
         for only in all {
-            renderer.count_only(Some(only));
+            renderer.set_only(Some(only)).unwrap();
             renderer.render(16, &mut |_| true).unwrap();
             let film = renderer.film().unwrap();
             let total: f64 = film.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
@@ -243,7 +250,7 @@ fn strategy_images_add_up_to_the_picture() {
                 (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
             }
         }
-        renderer.count_only(None);
+        renderer.set_only(None).unwrap();
         renderer.render(16, &mut |_| true).unwrap();
         assert!(renderer.film().unwrap() == whole, "{name}: beginning anew changes the picture");
         for (sum, pixel) in sum.iter().zip(&whole.pixels) {
@@ -255,27 +262,27 @@ fn strategy_images_add_up_to_the_picture() {
     }
 }
 
-/// Strategies without their weight agree with each other in the mean, where all of them find all light.
+/// Strategies without their weights have the same mean if each of them finds all light.
 #[test]
 fn unweighted_strategies_have_the_same_mean() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let scene = scenes::cornell("area");
     let only = |s, t| Some(OnlyStrategy { s, t, weighted: false });
     let films = |s, t, samples| {
-        let settings = Settings { only: only(s, t), ..settings(Method::RayQuery, 16, samples, 1) };
+        let settings = Settings { only: only(s, t), ..settings(Technique::RAY_QUERY, 32, samples, 1) };
         pictures(gpu, &scene, &settings)
     };
-    // One bounce: next-event estimation is the calmest.
-    let expected = films(1, 3, 64);
-    for (s, t, samples) in [(0, 4, 256), (2, 2, 128), (3, 1, 128)] {
+    // Next-event estimation has the least noise with one bounce.
+    let expected = films(1, 3, 16);
+    for (s, t, samples) in [(0, 4, 64), (2, 2, 32), (3, 1, 32)] {
         let verdict = compare(&films(s, t, samples), &expected, Look::Image);
         println!("({s}, {t}): {verdict:?}");
         assert!(verdict.agrees(), "({s}, {t}): {verdict:?}");
     }
 }
 
-/// Light that comes through glass to a floor: found from the camera alone, and by light subpaths alone, whose throughput is the
-/// adjoint's.
+/// Light through glass onto a floor is the same when found from the camera alone and by light subpaths alone,
+/// whose throughput is the adjoint's.
 #[test]
 fn light_through_glass_is_the_same_from_both_ends() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -288,23 +295,23 @@ fn light_through_glass_is_the_same_from_both_ends() {
         let scene = scenes::behind_glass(material);
         let films = |s, t, samples| {
             let only = Some(OnlyStrategy { s, t, weighted: false });
-            pictures(gpu, &scene, &Settings { only, ..settings(Method::RayQuery, 16, samples, 2) })
+            pictures(gpu, &scene, &Settings { only, ..settings(Technique::RAY_QUERY, 32, samples, 2) })
         };
-        let verdict = compare(&films(0, 5, 192), &films(4, 1, 128), Look::Image);
+        let verdict = compare(&films(0, 5, 48), &films(4, 1, 32), Look::Image);
         println!("{name}: {verdict:?}");
         assert!(verdict.agrees() && verdict.error < 0.03, "{name}: {verdict:?}");
     }
 }
 
-/// A point light's image in a mirror lights a wall: albedo / pi I cos / d^2 with d the way by the mirror, which no path from the
-/// camera finds.
+/// A point light's mirror image lights a wall with albedo / pi I cos / d^2, d being the length by way of the
+/// mirror. No path from the camera finds it.
 #[test]
 fn a_mirror_throws_the_light_of_a_point() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let scene = scenes::mirrored_light();
     let only = |s, t| Some(OnlyStrategy { s, t, weighted: true });
-    let mean = |only, method| {
-        let (film, _) = picture(gpu, &scene, &Settings { only, ..settings(method, 64, 256, 1) });
+    let mean = |only, technique| {
+        let (film, _) = picture(gpu, &scene, &Settings { only, ..settings(technique, 64, 256, 1) });
         film.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / film.pixels.len() as f64
     };
     let n = 64;
@@ -314,61 +321,61 @@ fn a_mirror_throws_the_light_of_a_point() {
         0.9 * 0.5 / std::f64::consts::PI * 2.0 / d.length_squared() / d.length()
     });
     let expected = expected.sum::<f64>() / f64::from(n * n);
-    let (thrown, without) = (mean(only(3, 1), Method::RayQuery), mean(only(2, 2), Method::RayQuery));
+    let (thrown, without) = (mean(only(3, 1), Technique::RAY_QUERY), mean(only(2, 2), Technique::RAY_QUERY));
     println!("{thrown} {expected} {without}");
     assert!((thrown / expected - 1.0).abs() < 0.005, "{thrown} is not {expected}");
     assert_eq!(without, 0.0);
-    let whole = mean(None, Method::RayQuery) - mean(None, Method::Path);
+    let whole = mean(None, Technique::RAY_QUERY) - mean(None, Technique::PATH);
     assert!((whole / expected - 1.0).abs() < 0.005, "{whole} is not {expected}");
 }
 
-/// The same seed gives the same bytes, splats included, however pixels are grouped; another seed does not.
+/// The same seed gives the same bytes, splats included, for any grouping of pixels; another seed does not.
 #[test]
 fn the_same_seed_gives_the_same_bytes() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    for method in METHODS {
-        let settings = settings(method, 40, 4, 3);
+    for technique in METHODS {
+        let settings = settings(technique, 40, 4, 3);
         let film = |seed| picture(gpu, &scenes::transmitting(), &Settings { seed, ..settings.clone() }).0;
         let first = film(1);
         for _ in 0..3 {
-            assert!(first == film(1), "{method}");
+            assert!(first == film(1), "{technique}");
         }
-        assert!(first != film(2), "{method}");
+        assert!(first != film(2), "{technique}");
     }
 }
 
-/// Without any light, and without anything at all, a picture is black.
+/// A picture without any light, or without anything at all, is black.
 #[test]
 fn the_dark_is_black() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let mut dark = scenes::cornell("point");
     dark.lights.clear();
     let empty = Scene { cameras: dark.cameras.clone(), ..Scene::default() };
-    for method in METHODS {
+    for technique in METHODS {
         for scene in [&dark, &empty] {
-            let (film, _) = picture(gpu, scene, &settings(method, 16, 2, 2));
-            assert!(film.pixels.iter().flatten().all(|&v| v == 0.0), "{method}");
+            let (film, _) = picture(gpu, scene, &settings(technique, 16, 2, 2));
+            assert!(film.pixels.iter().flatten().all(|&v| v == 0.0), "{technique}");
         }
     }
 }
 
-/// More lights than can be bound are an error that says so.
+/// More lights than can be bound give an error that says so.
 #[test]
 fn too_many_lights_are_an_error() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let mut scene = scenes::cornell("point");
     let limit = gpu.capabilities.max_storage_bytes;
-    let most = limit / size_of::<lightsheaf::layouts::LightRecord>() as u64;
+    let most = limit / size_of::<lightsheaf::render::layouts::LightRecord>() as u64;
     if most > 4_000_000 {
         println!("skipped: {most} lights fit");
         return;
     }
     scene.lights = vec![scene.lights[0]; most as usize + 1];
-    let error = PathRenderer::new(gpu, &scene, &settings(Method::Path, 16, 1, 1)).err().unwrap().to_string();
+    let error = PathRenderer::new(gpu, &scene, &settings(Technique::PATH, 16, 1, 1)).err().unwrap().to_string();
     assert!(error.contains(&format!("{} lights", most + 1)) && error.contains("limit"), "{error}");
 }
 
-/// Values that are not finite show, and are counted.
+/// Values that are not finite appear in the film and are counted.
 #[test]
 fn a_planted_nan_is_counted() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -377,17 +384,18 @@ fn a_planted_nan_is_counted() {
         let Light::Point { intensity, .. } = light else { unreachable!() };
         intensity.x = f32::NAN;
     }
-    for method in METHODS {
-        let mut renderer = PathRenderer::new(gpu, &scene, &settings(method, 16, 2, 1)).unwrap();
+    for technique in METHODS {
+        let mut renderer = PathRenderer::new(gpu, &scene, &settings(technique, 16, 2, 1)).unwrap();
         renderer.render(2, &mut |_| true).unwrap();
-        assert!(renderer.stats().non_finite > 100, "{method}: {}", renderer.stats().non_finite);
-        assert!(renderer.film().unwrap().non_finite() > 50, "{method}");
+        assert!(renderer.stats().non_finite > 100, "{technique}: {}", renderer.stats().non_finite);
+        assert!(renderer.film().unwrap().non_finite() > 50, "{technique}");
     }
 }
 
-/// What Mitsuba gives for a scene with two bounces, in blocks of 4 x 4 pixels, with the spread that its own remaining error says.
+/// Returns Mitsuba's picture of a scene with two bounces, in blocks of 4 x 4 pixels, with the variance that
+/// its own remaining error gives.
 fn mitsuba(name: &str) -> Option<Vec<(f64, f64)>> {
-    let path = common::shared()?.join("references").join(format!("{name}_d4"));
+    let path = common::references()?.join(format!("{name}_d4"));
     let film = Film::load(path.with_extension("exr")).unwrap();
     let json = std::fs::read_to_string(path.with_extension("json")).unwrap();
     let own = serde_json::from_str::<serde_json::Value>(&json).unwrap()["ref_own_relMSE_est"].as_f64().unwrap();
@@ -395,15 +403,16 @@ fn mitsuba(name: &str) -> Option<Vec<(f64, f64)>> {
     let block = |i: usize| {
         let pixels = (0..16).map(|k| film.pixels[(i / side * 4 + k / 4) * film.width as usize + i % side * 4 + k % 4]);
         let mean = pixels.flatten().map(f64::from).sum::<f64>() / 16.0;
-        // rel_mse divides by the square of a channel and 0.01; three channels of one path vary together.
+        // rel_mse divides by the square of a channel and 0.01; the three channels of a path vary together.
         (mean, 9.0 * own * (mean * mean / 9.0 + 0.01) / 16.0)
     };
     Some((0..side * side).map(block).collect())
 }
 
-/// Every reference scene and Sun's three at 128 x 128, pixel by pixel, with `SAMPLES` a picture (32) and four times as many of the
-/// reference; where Mitsuba's pictures are there, against them, too: corner_spikes has a bright spot that paths from the camera
-/// hardly ever find, the reference's included, and its own pictures of it are dark and say so of themselves too rarely.
+/// Compares every reference scene and Sun's three at 128 x 128, pixel by pixel, with `SAMPLES` a picture (32)
+/// and four times as many of the reference, and also with Mitsuba's pictures if they are there: paths from
+/// the camera hardly ever find the bright spot of corner_spikes, so that the reference's pictures of it are
+/// dark, and their spread too small.
 ///
 ///     cargo test --test paths -- --ignored --nocapture matrix
 #[test]
@@ -415,10 +424,10 @@ fn matrix() {
          Mitsuba |\n|---|---|---|---|---|---|"
     );
     let sun = ["spheres", "mirrors", "water"].map(|n| (format!("cornell_{n}"), scenes::cornell(n), 6));
-    let shared = common::shared().map_or(Vec::new(), |shared| {
+    let shared = common::references().map_or(Vec::new(), |folder| {
         ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"]
             .map(|n| {
-                let path = shared.join("references").join(n).with_extension("xml");
+                let path = folder.join(n).with_extension("xml");
                 (n.to_owned(), staging::load(&path.display().to_string(), &Staging::default()).unwrap(), 2)
             })
             .to_vec()
@@ -430,15 +439,15 @@ fn matrix() {
         if std::env::var("SCENE").is_ok_and(|wanted| wanted != name) {
             continue;
         }
-        let expected = references(&scene, &settings(Method::Path, 128, 1, bounces), 4 * samples);
+        let expected = references(&scene, &settings(Technique::PATH, 128, 1, bounces), 4 * samples);
         let mitsuba = if bounces == 2 { mitsuba(&name) } else { None };
-        for method in METHODS {
-            let films = pictures(gpu, &scene, &settings(method, 128, samples, bounces));
+        for technique in METHODS {
+            let films = pictures(gpu, &scene, &settings(technique, 128, samples, bounces));
             let (pixels, image) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Image));
             let beside = mitsuba.as_ref().map(|m| pixels_against(&films, m));
             let (_, difference, error) = pixels.worst;
             println!(
-                "| {name} | {method} | {:.3} % | {:+.1} %, {:.1} % | {:+.3} % +- {:.3} % | {} |",
+                "| {name} | {technique} | {:.3} % | {:+.1} %, {:.1} % | {:+.3} % +- {:.3} % | {} |",
                 100.0 * pixels.share,
                 100.0 * difference,
                 100.0 * error,
@@ -448,7 +457,7 @@ fn matrix() {
             );
             rows += 1;
             if !pixels.agrees() && !beside.is_some_and(|b| b.agrees()) {
-                failed.push(format!("{name}, {method}"));
+                failed.push(format!("{name}, {technique}"));
             }
         }
     }

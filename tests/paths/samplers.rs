@@ -1,25 +1,26 @@
-//! Every sampler draws what its density says: chi-square tests over a million draws each.
+//! Every sampler draws according to its density: chi-square tests over a million draws each.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Mat3, Vec3};
-use lightsheaf::gpu::{Compute, Gpu, read_back};
-use lightsheaf::layouts::{DrawAnswer, DrawQuestion};
-use lightsheaf::path_renderer::PathRenderer;
+use lightsheaf::gpu::{Compute, Gpu};
+use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{
     Boundary, Cone, Emission, Environment, Fresnel, Lamp, Light, Material, Rows, Scene, SpotFalloff,
 };
-use lightsheaf::settings::{LightSampling, Method, Settings};
+use lightsheaf::settings::{LightSampling, Settings, Technique};
 
 use crate::common::gpu_with_ray_queries;
+use crate::common::harness::answer;
 use crate::common::random::Random;
 use crate::common::scenes::{add, floor, pinhole};
+use crate::common::shaders::{self, DrawAnswer, DrawQuestion};
 use crate::common::statistics::p_value;
 use crate::{scenes, settings};
 
 /// Draws of a test.
 const DRAWS: u32 = 1 << 20;
-/// Significance of a test; Sidak-corrected for their number where it is used.
+/// Significance of a test, Sidak-corrected for the number of tests.
 const SIGNIFICANCE: f64 = 0.01;
 /// Bins in the cosine and the azimuth.
 const BINS: [usize; 2] = [32, 16];
@@ -32,9 +33,9 @@ const DRAW_SKY: u32 = 2;
 const PDF_SKY: u32 = 3;
 const DRAW_LIGHT: u32 = 4;
 const CHOOSE_LIGHT: u32 = 5;
-const FAVOUR_LIGHT: u32 = 6;
+const PDF_RATIO: u32 = 6;
 
-/// Asks the samplers of a scene.
+/// The samplers of a scene.
 struct Oracle<'a> {
     gpu: &'a Gpu,
     renderer: PathRenderer<'a>,
@@ -47,29 +48,22 @@ impl<'a> Oracle<'a> {
     }
 
     fn with(gpu: &'a Gpu, scene: &Scene, light_sampling: Option<LightSampling>) -> Self {
-        let settings = Settings { light_sampling, ..settings(Method::RayQuery, 4, 1, 1) };
+        let settings = Settings { light_sampling, ..settings(Technique::RAY_QUERY, 4, 1, 1) };
         let renderer = PathRenderer::new(gpu, scene, &settings).unwrap();
-        let pass = Compute::new(gpu, "draws", "draws", &renderer.plan().flags);
+        let pass = Compute::from_source(gpu, "draws", &shaders::DRAWS, &renderer.plan().flags);
         Self { gpu, renderer, pass }
     }
 
     fn ask(&self, questions: &[DrawQuestion]) -> Vec<DrawAnswer> {
         self.renderer.describe(0, 0, 1);
-        let asked = self.gpu.upload("questions", questions);
-        let answers = self.gpu.storage("answers", size_of_val(questions) as u64);
-        let mut bindings = self.renderer.bindings();
-        bindings.extend([("draw_questions", asked.as_entire_binding()), ("draw_answers", answers.as_entire_binding())]);
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let rows = (questions.len() as u32).div_ceil(65_536);
-        self.pass.record(self.gpu, &mut encoder, [65_536, rows], &bindings);
-        self.gpu.queue.submit([encoder.finish()]);
-        read_back(self.gpu, &answers, questions.len()).unwrap()
+        let names = ["draw_questions", "draw_answers"];
+        answer(self.gpu, &self.pass, &self.renderer.bindings(), names, questions)
     }
 }
 
 fn direction(z: f64, phi: f64) -> Vec3 {
     let r = (1.0 - z * z).max(0.0).sqrt();
-    // Around +Y, the floor's normal.
+    // Directions are around +Y, the floor's normal.
     Vec3::new((r * phi.cos()) as f32, z as f32, (r * phi.sin()) as f32)
 }
 
@@ -79,7 +73,8 @@ fn bin_of(w: Vec3) -> usize {
     row.min(BINS[0] - 1) * BINS[1] + ((turn * BINS[1] as f64) as usize).min(BINS[1] - 1)
 }
 
-/// p-value of draws of directions against a density over the sphere; what drew nothing is a bin of its own.
+/// Returns the p-value of draws of directions against a density over the sphere; draws without a direction
+/// have a bin of their own.
 fn test_directions(oracle: &Oracle, draw: DrawQuestion, pdf: DrawQuestion) -> f64 {
     let drawn = oracle.ask(&vec![draw; DRAWS as usize]);
     let bins = BINS[0] * BINS[1];
@@ -118,7 +113,7 @@ fn plate(material: Material) -> Scene {
     scene
 }
 
-/// A million draws; `given` is where one comes from, also from behind where light passes.
+/// `given` is the outgoing direction, also from behind if light passes. A million draws are made of each.
 #[test]
 fn bsdfs_are_drawn_as_their_density_says() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -151,7 +146,7 @@ fn bsdfs_are_drawn_as_their_density_says() {
         println!("{name} from {given}: p {p:.4}");
         assert!(p >= limit, "{name} from {given}: {p}");
     }
-    // The density of another direction is another.
+    // The density of another direction differs.
     let oracle = Oracle::new(gpu, &plate(scenes::conductor(0.4, Fresnel::None)));
     let question = |kind, given: Vec3| DrawQuestion { given: given.to_array(), kind, ..Default::default() };
     let turned = (above + Vec3::X * 0.02).normalize();
@@ -159,8 +154,8 @@ fn bsdfs_are_drawn_as_their_density_says() {
     assert!(p < 1e-6, "a canary passes: {p}");
 }
 
-/// Draws of a mapped sky, counted per cell of the map; within a cell, density times the polar angle's sine is bilinear in the map's
-/// coordinates, so that its middle gives its integral.
+/// Tests draws of a mapped sky, counted per cell of the map. Within a cell, density times the sine of the
+/// polar angle is bilinear in the map's coordinates, so that the value in the middle gives the integral.
 fn test_map(oracle: &Oracle, sky: &Environment) -> f64 {
     let map = sky.map.as_ref().unwrap();
     let (width, height) = (map.width as usize, map.height as usize);
@@ -223,8 +218,8 @@ fn skies_are_drawn_as_their_density_says() {
     assert!(p >= SIGNIFICANCE / 3.0, "constant: {p}");
 }
 
-/// Lights are chosen by their probability; subpaths leave a point light evenly, a spot evenly over its cone, a triangle evenly over
-/// its area and by the cosine.
+/// Lights are chosen by their probability. Subpaths leave a point light uniformly, a spot uniformly over its
+/// cone, and a triangle uniformly over its area and by the cosine.
 #[test]
 fn lights_are_drawn_as_their_density_says() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -234,7 +229,11 @@ fn lights_are_drawn_as_their_density_says() {
     let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
     let drawn = oracle.ask(&vec![question; DRAWS as usize]);
     let geometry = lightsheaf::scene::Geometry::new(&scene);
-    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, lightsheaf::light_table::Met::All);
+    let table = lightsheaf::render::lights::table::LightTable::new(
+        &scene,
+        &geometry,
+        lightsheaf::render::lights::table::Hittable::All,
+    );
     assert_eq!(table.records.len(), 5, "spot, point, sun and two triangles");
 
     let mut counts = vec![0_u64; table.records.len()];
@@ -246,7 +245,7 @@ fn lights_are_drawn_as_their_density_says() {
     let mut tested = 0;
     for (index, record) in table.records.iter().enumerate() {
         let of: Vec<_> = drawn.iter().filter(|a| a.index as usize == index).collect();
-        // A number that is even over [0, 1), of each draw.
+        // Each draw gives a number that is uniform over [0, 1).
         let (what, evens): (&str, Vec<f64>) = match record.kind {
             0 => ("point", of.iter().map(|a| f64::from(a.w[2]) * 0.5 + 0.5).collect()),
             1 => {
@@ -255,7 +254,7 @@ fn lights_are_drawn_as_their_density_says() {
                 ("spot", of.iter().map(|a| f64::from(even(a))).collect())
             }
             4 => {
-                // Cosine-distributed: the square of the cosine is even.
+                // For a cosine distribution the square of the cosine is uniform.
                 ("triangle", of.iter().map(|a| f64::from(a.w[1] * a.w[1])).collect())
             }
             _ => continue,
@@ -267,7 +266,7 @@ fn lights_are_drawn_as_their_density_says() {
         assert!(p >= SIGNIFICANCE / 8.0, "{what}: {p}");
         tested += 1;
         if record.kind == 4 {
-            // Even over the area: the weight of a corner w has 1 - (1 - w)^2 even.
+            // For points uniform over the area, the weight w of a corner has a uniform 1 - (1 - w)^2.
             let [a, b, c] = geometry.positions(record.triangle as usize);
             let area = (b - a).cross(c - a);
             let mut counts = [0_u64; 64];
@@ -283,15 +282,15 @@ fn lights_are_drawn_as_their_density_says() {
     assert_eq!(tested, 4);
 }
 
-/// p-value of numbers that should be even over [0, 1).
-fn even(numbers: &[f64]) -> f64 {
+/// Returns the p-value of numbers that should be uniform over [0, 1).
+fn uniform_selection(numbers: &[f64]) -> f64 {
     let mut counts = [0_u64; 64];
     numbers.iter().for_each(|&e| counts[((e * 64.0) as usize).min(63)] += 1);
     p_value(&counts, &[numbers.len() as f64 / 64.0; 64])
 }
 
-/// Subpaths leave a ball from points that are even over the disc that is seen from any side, and a sun evenly over its disc;
-/// neither depends on where they go on.
+/// Subpaths leave a ball from points that are uniform over the disc seen from any side, and a sun uniformly
+/// over its disc; neither depends on the direction of the subpath.
 #[test]
 fn lights_with_a_size_are_drawn_evenly() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -303,7 +302,7 @@ fn lights_with_a_size_are_drawn_evenly() {
     let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
     let limit = SIGNIFICANCE / 8.0;
     let check = |what: &str, numbers: Vec<f64>| {
-        let p = even(&numbers);
+        let p = uniform_selection(&numbers);
         println!("{what}: p {p:.4}");
         assert!(p >= limit, "{what}: {p}");
     };
@@ -318,7 +317,7 @@ fn lights_with_a_size_are_drawn_evenly() {
     let axis = lamp.direction().as_dvec3();
     let cosine = |a: &DrawAnswer| (1.0 - axis.dot(Vec3::from(a.w).as_dvec3())) / (1.0 - 0.5_f64.cos());
     check("cone", drawn.iter().map(cosine).collect());
-    // Half of the ball sends as much into half of the cone as any other half.
+    // Each half of the ball emits the same into half of the cone.
     let quarters = drawn.iter().filter(|a| at(a).z > 0.0).map(cosine).collect();
     check("cone of half a ball", quarters);
 
@@ -331,13 +330,18 @@ fn lights_with_a_size_are_drawn_evenly() {
     check("around the sun", drawn.iter().map(|a| w(a).dot(y).atan2(w(a).dot(x)).rem_euclid(TAU) / TAU).collect());
 }
 
-/// Parts of a triangle with a textured emission are chosen by their probability, and points lie evenly in the part that is chosen.
+/// Parts of a triangle with a textured emission are chosen by their probability, and points are uniform in
+/// the part.
 #[test]
 fn parts_of_emitters_are_drawn_as_their_density_says() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let scene = scenes::lamps();
     let geometry = lightsheaf::scene::Geometry::new(&scene);
-    let table = lightsheaf::light_table::LightTable::new(&scene, &geometry, lightsheaf::light_table::Met::All);
+    let table = lightsheaf::render::lights::table::LightTable::new(
+        &scene,
+        &geometry,
+        lightsheaf::render::lights::table::Hittable::All,
+    );
     let question = DrawQuestion { kind: DRAW_LIGHT, ..Default::default() };
     let drawn = Oracle::new(gpu, &scene).ask(&vec![question; DRAWS as usize]);
     let mut counts = vec![0_u64; table.records.len()];
@@ -356,7 +360,7 @@ fn parts_of_emitters_are_drawn_as_their_density_says() {
         let inside = [0, 1].map(|k| f64::from((weights[k] - record.position[k]) / record.position[2]));
         assert!(inside.iter().all(|&w| w > -1e-3) && inside[0] + inside[1] < 1.001, "{weights:?} in {record:?}");
         if inside.iter().all(|&w| w > 1e-3) && inside[0] + inside[1] < 0.999 {
-            assert_eq!(first + lightsheaf::scene::emitter::part_of(parts, weights), answer.index);
+            assert_eq!(first + lightsheaf::scene::model::emitter::part_of(parts, weights), answer.index);
             checked += 1;
         }
         if parts > 1 {
@@ -365,12 +369,13 @@ fn parts_of_emitters_are_drawn_as_their_density_says() {
     }
     assert!(table.records.len() > 100 && checked > DRAWS / 4, "{} {checked}", table.records.len());
     let expected: Vec<f64> = table.records.iter().map(|r| f64::from(r.probability) * f64::from(DRAWS)).collect();
-    let [choice, inside] = [p_value(&counts, &expected), even(&evens)];
+    let [choice, inside] = [p_value(&counts, &expected), uniform_selection(&evens)];
     println!("choice of {}: p {choice:.4}, inside: p {inside:.4}", counts.len());
     assert!(choice >= SIGNIFICANCE / 2.0 && inside >= SIGNIFICANCE / 2.0, "{choice} {inside}");
 }
 
-/// Surfaces choose lights as the probability says that MIS asks for; it sums to 1, and no light that reaches a surface is left out.
+/// Surfaces choose lights with the probability that MIS uses; it sums to 1, and no light that reaches a
+/// surface is left out.
 #[test]
 fn surfaces_choose_lights_as_their_probability_says() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
@@ -388,7 +393,7 @@ fn surfaces_choose_lights_as_their_probability_says() {
     let receivers: Vec<_> = (0..24)
         .map(|i| {
             let p = Vec3::new(random.between(-4.0, 4.0), random.between(0.0, 3.0), random.between(-4.0, 4.0));
-            // Light from one side, or from both.
+            // Receivers get light from one side, or from both.
             (p, if i % 4 == 3 { Vec3::ZERO } else { random.direction() })
         })
         .collect();
@@ -400,10 +405,10 @@ fn surfaces_choose_lights_as_their_probability_says() {
                 DrawQuestion { given: p.to_array(), w: n.to_array(), kind: CHOOSE_LIGHT, ..Default::default() };
             let lights = 150 + 2 + 40 + 1;
             let asked: Vec<_> =
-                (0..lights).map(|triangle| DrawQuestion { kind: FAVOUR_LIGHT, triangle, ..question }).collect();
+                (0..lights).map(|triangle| DrawQuestion { kind: PDF_RATIO, triangle, ..question }).collect();
             let favours = oracle.ask(&asked);
             let mass: f64 = favours.iter().map(|a| f64::from(a.pdf_w)).sum();
-            // Where nothing of the tree reaches, nothing is chosen.
+            // The tree chooses nothing if no light reaches the receiver.
             assert!(mass < 1.0 + 1e-4 && (mass > 1.0 - 1e-4 || light_sampling == LightSampling::Tree), "{mass}");
             for (light, answer) in favours.iter().enumerate() {
                 let reached = Vec3::from(answer.extra).max_element() > 0.0;
@@ -413,8 +418,8 @@ fn surfaces_choose_lights_as_their_probability_says() {
             let mut counts = vec![0_u64; favours.len() + 1];
             for answer in oracle.ask(&vec![question; draws]) {
                 counts[(answer.index as usize).min(favours.len())] += 1;
-                if let Some(favour) = favours.get(answer.index as usize) {
-                    assert!((answer.pdf_w / favour.pdf_w - 1.0).abs() < 1e-4, "{answer:?} {favour:?}");
+                if let Some(pdf_ratio) = favours.get(answer.index as usize) {
+                    assert!((answer.pdf_w / pdf_ratio.pdf_w - 1.0).abs() < 1e-4, "{answer:?} {pdf_ratio:?}");
                 }
             }
             let mut expected: Vec<f64> = favours.iter().map(|a| f64::from(a.pdf_w) * draws as f64).collect();

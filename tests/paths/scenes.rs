@@ -1,4 +1,4 @@
-//! Scenes with every light, material and camera that the path methods follow.
+//! Scenes with every light, material and camera that the path methods support.
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
@@ -35,7 +35,7 @@ pub fn glass(alpha: f32, eta: f32, boundary: Boundary) -> Material {
     Material { boundary, ..material(Bsdf::Dielectric { alpha: alpha.into(), eta, reflection, transmission }) }
 }
 
-/// glTF's model: half metal where `metallic` is 0.5, and letting light pass.
+/// Returns glTF's material: half metal if `metallic` is 0.5, and transmitting.
 pub fn gltf(roughness: f32, metallic: f32, transmission: f32, boundary: Boundary) -> Material {
     let bsdf = Bsdf::MetallicRoughness {
         base_color: Vec3::new(0.9, 0.7, 0.5).into(),
@@ -58,7 +58,7 @@ pub fn ball(center: Vec3, radius: f32, subdivisions: u32, smooth: bool) -> Mesh 
     mesh
 }
 
-/// Smooth balls in a gray room: the shading normal is not the geometric one.
+/// Returns smooth balls in a gray room, whose shading normals differ from the geometric ones.
 fn balls(materials: [Material; 4]) -> Scene {
     let mut scene = Scene {
         cameras: vec![pinhole(Vec3::new(0.0, 0.2, 0.95), Vec3::new(0.0, -0.25, -1.0), 1.3)],
@@ -78,7 +78,7 @@ fn lamp(scene: &mut Scene, strength: f32, two_sided: bool) {
     add(scene, shape, Material { emission, sides: Sides::One, ..Material::diffuse("lamp", Vec3::splat(0.3)) });
 }
 
-/// Rough plastic and metal, glTF's mixture; a spot, a point and a lamp that shines on both sides.
+/// Returns rough plastic and metal and glTF's mixture, with a spot, a point light and a two-sided emitter.
 pub fn reflecting() -> Scene {
     let gold = Fresnel::Conductor { eta: Vec3::new(0.2, 0.4, 1.4), k: Vec3::new(3.9, 2.4, 1.6) };
     let mut scene = balls([
@@ -96,8 +96,8 @@ pub fn reflecting() -> Scene {
     scene
 }
 
-/// Smooth metal, plastic and glTF's mixture under a lamp; of a light without extent, no path from the camera could find what they
-/// throw.
+/// Returns smooth metal, plastic and glTF's mixture under an area light: the caustics of a light without
+/// extent could not be found from the camera.
 pub fn mirrors() -> Scene {
     let gold = Fresnel::Conductor { eta: Vec3::new(0.2, 0.4, 1.4), k: Vec3::new(3.9, 2.4, 1.6) };
     let mut scene = balls([
@@ -110,7 +110,7 @@ pub fn mirrors() -> Scene {
     scene
 }
 
-/// Transmission: smooth and rough glass, glass that absorbs, glTF's, sheets.
+/// Returns transmission: smooth and rough glass, absorbing glass, glTF's, and sheets.
 pub fn transmitting() -> Scene {
     let volume = Boundary::Volume { absorption: Vec3::new(2.0, 0.5, 0.2) };
     let mut scene = balls([
@@ -127,7 +127,7 @@ pub fn transmitting() -> Scene {
     scene
 }
 
-/// A floor seen past a ball that the light of a lamp above comes through.
+/// Returns a floor that an area light illuminates through a ball.
 pub fn behind_glass(material: Material) -> Scene {
     let mut scene = Scene {
         cameras: vec![pinhole(Vec3::new(0.0, 0.15, 0.9), Vec3::new(0.0, -0.9, -0.9), 0.6)],
@@ -139,13 +139,13 @@ pub fn behind_glass(material: Material) -> Scene {
     scene
 }
 
-/// A spot of full strength above a mirror floor, and a wall.
+/// Returns a spot of constant intensity above a mirror floor, and a wall.
 pub fn mirrored_light() -> Scene {
     let mut scene = Scene {
         cameras: vec![parallel(Vec3::new(0.0, 0.6, 1.0), Vec3::NEG_Z, 0.2)],
         lights: vec![Light::Spot {
             position: Vec3::new(0.3, 1.0, 0.0),
-            // By way of the mirror to the middle of what the camera sees.
+            // The light goes by way of the mirror to the middle of the view.
             direction: Vec3::new(-0.3, -1.6, -1.0).normalize(),
             intensity: Vec3::splat(2.0),
             inner_angle: 0.25,
@@ -168,7 +168,7 @@ fn checker(colors: [[u8; 4]; 2]) -> Image {
     Image { name: "checker".to_owned(), width: 8, height: 8, texels }
 }
 
-/// A lamp with a picture and holes, normal maps, under sunlight and a parallel camera.
+/// Returns textured emission, holes and normal maps under sunlight and a parallel camera.
 pub fn textured() -> Scene {
     let mut scene = Scene {
         cameras: vec![parallel(Vec3::new(0.0, 1.5, 2.0), Vec3::new(0.0, -0.8, -1.0), 1.2)],
@@ -200,14 +200,15 @@ pub fn textured() -> Scene {
     scene
 }
 
-/// The Cornell box through a wide lens.
+/// Returns the Cornell box through a wide lens.
 pub fn lens() -> Scene {
     let mut scene = cornell("area");
     scene.cameras[0].lens = Some(Lens { radius: 0.15, focus: 3.2 });
     scene
 }
 
-/// A room with a lamp of some size, a profile, a projector, a sun through the open side, and an emitter with a texture.
+/// Returns a room with a lamp of some size, a profile, a projector, a sun through the open side, and a
+/// textured emitter.
 pub fn lamps() -> Scene {
     let mut scene = reflecting();
     let room = &mut scene.meshes[0];

@@ -23,7 +23,8 @@ pub struct Display {
 }
 
 impl Display {
-    /// Starts one on a free number. Where the tools are missing, says so and gives none; where `REQUIRE_GPU` is 1, fails instead.
+    /// Starts one on a free number. Where the tools are missing, says so and gives none; where `REQUIRE_GPU`
+    /// is 1, fails instead.
     pub fn open() -> Option<Self> {
         let missing = ["Xvfb", "xdotool", "xwd"].into_iter().find(|tool| {
             let asked = Command::new(tool).arg("-help").stdout(Stdio::null()).stderr(Stdio::null()).status();
@@ -183,7 +184,7 @@ impl Viewer<'_> {
         self.xdotool(&["getwindowname", &self.window])
     }
 
-    /// What the window shows.
+    /// Takes a screenshot of the window.
     pub fn look(&self) -> RgbImage {
         let output = self.display.tool("xwd").args(["-silent", "-id", &self.window]).output().unwrap();
         from_xwd(&output.stdout)
@@ -196,7 +197,7 @@ impl Viewer<'_> {
         line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
     }
 
-    /// Whether it still runs, and said nothing but what is usual on a display without a desktop.
+    /// True if it still runs, and printed only the usual messages of a display without a desktop.
     pub fn is_well(&mut self) {
         assert!(self.child.try_wait().unwrap().is_none(), "it has ended:\n{}", self.heard.join("\n"));
         let usual = ["winit::", "unable to find layer", "InstanceFlags::VALIDATION", "opened anew"];

@@ -1,6 +1,7 @@
 //! The viewer as a user has it: a window on a display of its own, keys, mouse, screenshots.
 //!
-//! UPDATE_GOLDEN=1 rewrites tests/golden/viewer_*.png. A failure leaves the actual picture in target/golden-failures.
+//! UPDATE_GOLDEN=1 rewrites tests/golden/viewer_*.png. A failure leaves the actual picture in
+//! target/golden-failures.
 #![cfg(all(feature = "viewer", target_os = "linux"))]
 
 #[path = "../common/mod.rs"]
@@ -8,9 +9,10 @@ mod common;
 mod display;
 mod xdnd;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
+use common::folder::Folder;
 use common::random::Random;
 use display::{Display, Viewer};
 use image::RgbImage;
@@ -23,27 +25,10 @@ const LINE: u32 = 26;
 /// Mean difference of 8-bit values that other noise, fonts and drivers may make.
 const TOLERANCE: f64 = 4.0;
 
-/// How golden pictures are shown: by a grade that does not depend on the picture.
-const GRADE: [&str; 4] = ["--exposure", "0", "--tonemap", "clip"];
+/// Exposure and tone curve of golden pictures, which do not depend on the picture.
+const TONEMAP: [&str; 4] = ["--exposure", "0", "--tonemap", "clip"];
 
-/// A folder of its own for a test, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("lightsheaf-viewer-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// The display, where there is a device to render with.
+/// Opens the display if there is a device to render with.
 fn display() -> Option<Display> {
     common::gpu_with_ray_queries()?;
     Display::open()
@@ -55,7 +40,7 @@ fn difference(a: &RgbImage, b: &RgbImage) -> f64 {
     sum as f64 / a.as_raw().len() as f64
 }
 
-/// What the window shows without its last line, small.
+/// Returns the window without its last line, scaled down.
 fn seen(viewer: &Viewer) -> RgbImage {
     let full = viewer.look();
     let (width, height) = full.dimensions();
@@ -64,13 +49,15 @@ fn seen(viewer: &Viewer) -> RgbImage {
     resize(&above, width / shrink, (height - LINE) / shrink, FilterType::Triangle)
 }
 
-/// Holds what the window shows against a golden picture, as soon as it is near.
+/// Compares the window with a golden picture until they are alike.
 fn check(viewer: &mut Viewer, name: &str) -> RgbImage {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let path = root.join(format!("tests/golden/viewer_{name}.png"));
-    if std::env::var("UPDATE_GOLDEN").as_deref() == Ok("1") {
+    if common::is_set("UPDATE_GOLDEN") {
         viewer.listen(Duration::from_secs(15));
-        seen(viewer).save(&path).unwrap();
+        let picture = seen(viewer);
+        picture.save(&path).unwrap();
+        return picture;
     }
     let golden = image::open(&path).unwrap_or_else(|e| panic!("{name}: {e}; UPDATE_GOLDEN=1 writes it")).into_rgb8();
     let began = Instant::now();
@@ -95,7 +82,7 @@ fn check(viewer: &mut Viewer, name: &str) -> RgbImage {
 fn a_user_looks_around() {
     let Some(display) = display() else { return };
     let folder = Folder::new("user");
-    let mut viewer = display.view(&folder.0, &[&["builtin:cornell_point", "--size", "640x360"][..], &GRADE].concat());
+    let mut viewer = display.view(&folder.0, &[&["builtin:cornell_point", "--size", "640x360"][..], &TONEMAP].concat());
     let start = check(&mut viewer, "start");
 
     // Without the panel, then from elsewhere, then as before.
@@ -120,6 +107,9 @@ fn a_user_looks_around() {
     check(&mut viewer, "divider");
     viewer.keys(&["c", "h"]);
     check(&mut viewer, "start");
+    if common::is_set("UPDATE_GOLDEN") {
+        common::rewritten("UPDATE_GOLDEN", Path::new("tests/golden/viewer_*.png"));
+    }
 
     // Files.
     viewer.keys(&["p", "x"]);
@@ -139,7 +129,7 @@ fn lights_settings_and_windows_change() {
     let Some(display) = display() else { return };
     let folder = Folder::new("panel");
     let scene = ["builtin:cornell_point", "--size", "640x360", "--bounces", "1"];
-    let mut viewer = display.view(&folder.0, &[&scene[..], &GRADE].concat());
+    let mut viewer = display.view(&folder.0, &[&scene[..], &TONEMAP].concat());
     let start = seen(&viewer);
     // The section of lights, and its strength dragged down.
     viewer.click(50, 263);
@@ -159,7 +149,8 @@ fn lights_settings_and_windows_change() {
     viewer.is_well();
 }
 
-/// A file that is dropped takes the place of the scene, and one that is none leaves it there, with the reason.
+/// A file that is dropped takes the place of the scene, and one that is none leaves it there, with the
+/// reason.
 #[test]
 fn files_are_dropped_on_the_window() {
     let Some(display) = display() else { return };
@@ -258,8 +249,8 @@ fn soak(time: Duration, seed: u64) {
     let of = |line: &String| line.split_whitespace().rev().nth(1).and_then(|n| n.parse().ok()).unwrap_or(0.0);
     let longest = viewer.heard("shown after").map(of).fold(0.0, f64::max);
     println!("{turns} turns, {inputs} inputs, the longest wait {longest:.0} ms; megabytes at rest: {memory:.0?}");
-    // What is open differs from turn to turn, and allocators keep what they once had, so peaks are compared: that of the last third
-    // with the one before.
+    // Open files differ from turn to turn, and allocators keep memory, so peaks are compared:
+    // that of the last third with the one before.
     let (warm, rest) = memory.split_at(memory.len() * 2 / 3);
     let peak = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     if warm.len() >= 8 {

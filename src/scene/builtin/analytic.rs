@@ -1,20 +1,20 @@
-//! Scenes with a known answer: the radiance that every pixel should have, derived beside each scene.
+//! Scenes with an analytic solution: the radiance of every pixel is derived in a comment beside each scene.
 //!
-//! Answers take the number of indirect bounces (none: all) and the place in the image, (0, 0) at the upper left corner and (1, 1)
-//! at the lower right one.
+//! The functions take the number of indirect bounces (none: all) and the image position, (0, 0) in the upper
+//! left corner and (1, 1) in the lower right one.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
 use super::{add_as_is, camera, quad};
-use crate::scene::shapes::{cube, icosphere};
+use crate::scene::model::shapes::{cube, icosphere};
 use crate::scene::{Bsdf, Camera, Emission, Environment, Fresnel, Light, Material, Mesh, Projection, Scene};
 
-/// Albedo of the diffuse surfaces here: every bounce halves the light.
+/// Albedo of the diffuse surfaces: every bounce halves the light.
 const ALBEDO: f32 = 0.5;
 
-/// A parallel camera over [-half, half]^2 at `eye`, looking along `ahead` with `up` up.
+/// Returns a parallel camera at `eye` over [-half, half]^2, looking along `ahead` with `up` up.
 fn parallel(eye: Vec3, ahead: Vec3, up: Vec3, half: f32) -> Camera {
     let back = -ahead.normalize();
     let right = up.cross(back).normalize();
@@ -27,12 +27,12 @@ fn parallel(eye: Vec3, ahead: Vec3, up: Vec3, half: f32) -> Camera {
     }
 }
 
-/// Inside the closed convex bodies here.
+/// Returns a camera inside the closed convex bodies.
 fn inside() -> Camera {
     Camera { film_size: Some((128, 128)), ..camera([0.2, -0.1, 0.3], [-0.5, -0.3, -0.6], 80.0) }
 }
 
-/// The same faces, flat and seen from inside.
+/// Returns the same faces with flat normals, facing inwards.
 fn inverted(mesh: Mesh) -> Mesh {
     let triangles = mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
     Mesh { name: mesh.name, positions: mesh.positions, triangles, ..Mesh::default() }
@@ -56,23 +56,24 @@ fn emitting(body: Mesh) -> Scene {
     scene
 }
 
-/// A closed box that emits 1/2 and reflects 1/2 everywhere.
+/// Returns a closed box that emits 1/2 and reflects 1/2 everywhere.
 pub(super) fn furnace() -> Scene {
     emitting(cube())
 }
 
-/// A closed sphere, of 1280 flat triangles, that emits 1/2 and reflects 1/2 everywhere.
+/// Returns a closed sphere of 1280 flat triangles that emits 1/2 and reflects 1/2 everywhere.
 pub(super) fn furnace_sphere() -> Scene {
     emitting(icosphere(3))
 }
 
-/// Both furnaces: where all of a closed body's wall has radiance L, it receives pi L, so light that has bounced k times has
-/// radiance 1/2 (1/2)^k. Emission, direct light and b bounces are k = 0 to b + 1, whose sum is 1 - 2^-(b + 2).
+/// Returns the radiance of both furnaces. A closed body whose wall has radiance L everywhere receives pi L,
+/// so light that has bounced k times has radiance 1/2 (1/2)^k. Emission, direct light and b bounces are k = 0
+/// to b + 1, whose sum is 1 - 2^-(b + 2).
 pub(super) fn furnace_answer(bounces: Option<u32>, _at: Vec2) -> f64 {
     bounces.map_or(1.0, |b| 1.0 - 0.5_f64.powi(b as i32 + 2))
 }
 
-/// A closed sphere of albedo 1/2, of 20480 flat triangles, with a point light in its centre.
+/// Returns a closed sphere of albedo 1/2, of 20480 flat triangles, with a point light in its centre.
 pub(super) fn integrating_sphere() -> Scene {
     let intensity = Vec3::splat((PI / f64::from(ALBEDO)) as f32);
     let mut scene = Scene {
@@ -85,14 +86,15 @@ pub(super) fn integrating_sphere() -> Scene {
     scene
 }
 
-/// The light's irradiance is I / R^2 everywhere, so the wall's radiance after it is (1/2) / pi * 2 pi = 1. As in the furnace each
-/// further bounce halves it: 1 + 1/2 + ... + 2^-b = 2 - 2^-b. The triangles lie up to 0.06 % nearer to the light: the direct
-/// part of a pixel is right within 0.2 %, its mean within 0.1 %.
+/// Returns the radiance of the sphere's wall. The light's irradiance is I / R^2 everywhere, so its radiance
+/// after one reflection is (1/2) / pi * 2 pi = 1. As in the furnace each further bounce halves it: 1 + 1/2 +
+/// ... + 2^-b = 2 - 2^-b. The triangles lie up to 0.06 % nearer to the light: the direct part of a pixel is
+/// right within 0.2 %, its mean within 0.1 %.
 pub(super) fn integrating_sphere_answer(bounces: Option<u32>, _at: Vec2) -> f64 {
     bounces.map_or(2.0, |b| 2.0 - 0.5_f64.powi(b as i32))
 }
 
-/// A white sphere, of 1280 flat triangles, under a sky of radiance 1.
+/// Returns a white sphere of 1280 flat triangles in an environment of radiance 1.
 pub(super) fn white_furnace() -> Scene {
     let mut scene = Scene {
         materials: vec![Material::diffuse("white", Vec3::ONE)],
@@ -104,7 +106,8 @@ pub(super) fn white_furnace() -> Scene {
     scene
 }
 
-/// A convex body sees nothing but the sky, and a white one sends all of it on: it cannot be told from the sky.
+/// Returns the radiance of sphere and environment. A convex body receives light from the environment alone,
+/// and a white one reflects all of it, so the two are indistinguishable.
 pub(super) fn white_furnace_answer(_bounces: Option<u32>, _at: Vec2) -> f64 {
     1.0
 }
@@ -112,7 +115,8 @@ pub(super) fn white_furnace_answer(_bounces: Option<u32>, _at: Vec2) -> f64 {
 const GLOSSY_ALPHA: f64 = 0.5;
 const GLOSSY_COS: f64 = 0.8;
 
-/// A rough mirror that absorbs nothing (GGX, alpha 1/2) under a sky of radiance 1, seen at an angle of cosine 0.8.
+/// Returns a rough mirror without absorption (GGX, alpha 1/2) in an environment of radiance 1, seen at an
+/// angle of cosine 0.8.
 pub(super) fn glossy_furnace() -> Scene {
     let bsdf =
         Bsdf::Conductor { alpha: (GLOSSY_ALPHA as f32).into(), fresnel: Fresnel::None, specular: Vec3::ONE.into() };
@@ -127,13 +131,14 @@ pub(super) fn glossy_furnace() -> Scene {
     scene
 }
 
-/// What single scattering keeps: the integral of D(h) G1(i) G1(o) / (4 cos_o) over the directions i, by the midpoint rule over
-/// cos_i and the azimuth. It is below 1 because the model drops light that would bounce between facets.
+/// Returns the albedo of single scattering: the integral of D(h) G1(i) G1(o) / (4 cos_o) over the directions
+/// i, by the midpoint rule over cos_i and the azimuth. It is below 1 because the model loses light that would
+/// bounce between facets.
 pub(super) fn glossy_furnace_answer(_bounces: Option<u32>, _at: Vec2) -> f64 {
     let a2 = GLOSSY_ALPHA * GLOSSY_ALPHA;
     let g1 = |cos: f64| 2.0 / (1.0 + (1.0 + a2 * (1.0 / (cos * cos) - 1.0)).sqrt());
     let sin_o = (1.0 - GLOSSY_COS * GLOSSY_COS).sqrt();
-    // The integrand is smooth; twice as many steps change the fifth digit.
+    // The integrand is smooth; doubling the number of steps changes the fifth digit.
     const STEPS: u32 = 400;
     let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS);
     let mut sum = 0.0;
@@ -148,11 +153,12 @@ pub(super) fn glossy_furnace_answer(_bounces: Option<u32>, _at: Vec2) -> f64 {
             sum += d * g1(cos_i) * g1(GLOSSY_COS) / (4.0 * GLOSSY_COS);
         }
     }
-    // Half the azimuths stand for all.
+    // The integral over half the azimuths is doubled by symmetry.
     sum * TAU / f64::from(STEPS * STEPS)
 }
 
-/// A point light at height 2, a black square of half side 1/4 at height 1, and a floor seen from below the square.
+/// Returns a point light at height 2, a black square of half side 1/4 at height 1, and a floor seen from
+/// below the square.
 pub(super) fn occluder() -> Scene {
     let mut scene = Scene {
         materials: vec![Material::diffuse("floor", Vec3::splat(ALBEDO)), Material::diffuse("black", Vec3::ZERO)],
@@ -165,8 +171,9 @@ pub(super) fn occluder() -> Scene {
     scene
 }
 
-/// The shadow is the square twice as large. Outside, the irradiance is I cos / d^2 = I h / (h^2 + r^2)^(3/2) with h = 2, and the
-/// radiance (1/2) / pi times that. Nothing bounces: the floor is flat, the square black.
+/// Returns the radiance of the floor. The shadow is the square scaled by two. Outside it, the irradiance is I
+/// cos / d^2 = I h / (h^2 + r^2)^(3/2) with h = 2, and the radiance is (1/2) / pi times that. There is no
+/// indirect light: the floor is flat, the square black.
 pub(super) fn occluder_answer(_bounces: Option<u32>, at: Vec2) -> f64 {
     let [x, z] = [at.x, at.y].map(|v| 2.0 * f64::from(v) - 1.0);
     if x.abs().max(z.abs()) < 0.5 {
@@ -179,7 +186,8 @@ pub(super) fn occluder_answer(_bounces: Option<u32>, at: Vec2) -> f64 {
 const TILT: f64 = FRAC_PI_2 / 3.0;
 const SUN: f64 = FRAC_PI_2 / 4.5;
 
-/// A flat floor whose shading normals lean 30 degrees towards +X, in sunlight from 20 degrees that way.
+/// Returns a flat floor whose shading normals lean 30 degrees towards +X, in sunlight from 20 degrees that
+/// way.
 pub(super) fn shading_normals() -> Scene {
     let toward_sun = Vec3::new(SUN.sin() as f32, SUN.cos() as f32, 0.0);
     let mut scene = Scene {
@@ -193,12 +201,13 @@ pub(super) fn shading_normals() -> Scene {
     scene
 }
 
-/// The cosine is that of the shading normal: (1/2) / pi * 2 pi * cos(30 - 20 degrees).
+/// Returns the radiance of the floor, whose cosine is that of the shading normal:
+/// (1/2) / pi * 2 pi * cos(30 - 20 degrees).
 pub(super) fn shading_normals_answer(_bounces: Option<u32>, _at: Vec2) -> f64 {
     (TILT - SUN).cos()
 }
 
-/// One triangle that fills the image, lit from where the camera stands.
+/// Returns one triangle that fills the image, with a point light at the camera.
 pub(super) fn single_triangle() -> Scene {
     let mut scene = Scene {
         materials: vec![Material::diffuse("triangle", Vec3::splat(ALBEDO))],
@@ -212,7 +221,7 @@ pub(super) fn single_triangle() -> Scene {
     scene
 }
 
-/// As the occluder's floor without the occluder.
+/// Returns the radiance of the triangle, derived as for the floor of [`occluder`] outside the shadow.
 pub(super) fn single_triangle_answer(_bounces: Option<u32>, at: Vec2) -> f64 {
     let [x, y] = [at.x, at.y].map(|v| 2.0 * f64::from(v) - 1.0);
     8.0 / (4.0 + x * x + y * y).powf(1.5)

@@ -1,24 +1,25 @@
-//! The Cornell box by its measured data (Cornell University Program of Computer Graphics), in millimetres, turned and scaled
-//! to be two units high and centred on the origin. Mirrors, glass and water after the scenes of Sun, "A real-time caustics and
-//! global illumination rendering framework with RTX technology" (2020), section 5.1.
+//! The Cornell box by its measured data (Cornell University Program of Computer Graphics), in millimetres,
+//! rotated and scaled to be two units high and centred on the origin. Mirrors, glass and water follow the
+//! scenes of Sun, "A real-time caustics and global illumination rendering framework with RTX technology"
+//! (2020), section 5.1.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Mat3, Vec3};
 
 use super::{add, block, camera, quad, vec3};
-use crate::scene::shapes::icosphere;
+use crate::scene::model::shapes::icosphere;
 use crate::scene::{
     Boundary, Bsdf, Color, Emission, Environment, EnvironmentMap, Fresnel, Light, Material, Mesh, Rows, Scene, Sides,
 };
 
-/// Half the height of 548.8 mm is one unit.
+/// Millimetres per unit: half the height of 548.8 mm.
 const MILLIMETRES: f64 = 274.4;
 const WHITE: usize = 0;
 const RED: usize = 1;
 const GREEN: usize = 2;
 
-/// The box's own axes: x from right to left, z into the box.
+/// Converts the box's own axes, x from right to left and z into the box.
 fn plan([x, z]: [f64; 2]) -> [f64; 2] {
     [(278.0 - x) / MILLIMETRES, (279.6 - z) / MILLIMETRES]
 }
@@ -28,7 +29,7 @@ fn at([x, y, z]: [f64; 3]) -> Vec3 {
     vec3(x, y / MILLIMETRES, z)
 }
 
-/// Walls and camera. The left wall's corners do not lie in one plane; they were measured so.
+/// Returns walls and camera. The left wall's corners do not lie in one plane; they were measured so.
 fn walls(ceiling: bool) -> Scene {
     let mut scene = Scene {
         materials: vec![
@@ -77,7 +78,7 @@ fn tall_block(scene: &mut Scene, material: usize) {
 
 const POINT_LIGHT: Light = Light::Point { position: Vec3::new(0.0, 1.5, 0.0), intensity: Vec3::splat(4.0) };
 
-/// Cornell box with a point light.
+/// Returns the Cornell box with a point light.
 pub(super) fn point() -> Scene {
     let mut scene = walls(true);
     short_block(&mut scene);
@@ -86,7 +87,7 @@ pub(super) fn point() -> Scene {
     scene
 }
 
-/// Cornell box with its area light.
+/// Returns the Cornell box with its area light.
 pub(super) fn area() -> Scene {
     let mut scene = walls(true);
     short_block(&mut scene);
@@ -108,7 +109,8 @@ fn ceiling_light(scene: &mut Scene, strength: f32) {
     light(scene, strength * Vec3::new(17.0, 12.0, 4.0), corners.map(at));
 }
 
-/// Cornell box with a sphere of gold colour (alpha 0.2) and a block of silver colour (alpha 0.1), point light.
+/// Returns the Cornell box with a sphere of gold colour (alpha 0.2), a block of silver colour (alpha 0.1) and
+/// a point light.
 pub(super) fn glossy() -> Scene {
     let mut scene = walls(true);
     for (name, alpha, color) in
@@ -123,7 +125,7 @@ pub(super) fn glossy() -> Scene {
     scene
 }
 
-/// A sphere that stands on the floor.
+/// Adds a sphere that stands on the floor.
 fn sphere(scene: &mut Scene, material: usize, place: [f64; 2], radius: f64) {
     let mut sphere = icosphere(5);
     let [x, z] = plan(place);
@@ -138,14 +140,14 @@ fn mirror() -> Material {
     Material { bsdf, ..Material::diffuse("mirror", color) }
 }
 
-/// A clear medium under the front of its surfaces.
+/// Returns a smooth dielectric with a homogeneous absorbing medium behind its front.
 fn clear(name: &str, eta: f32, absorption: Vec3) -> Material {
     let white = Color::from(Vec3::ONE);
     let bsdf = Bsdf::Dielectric { alpha: 0.0.into(), eta, reflection: white, transmission: white };
     Material { bsdf, boundary: Boundary::Volume { absorption }, ..Material::diffuse(name, Vec3::ONE) }
 }
 
-/// Cornell box with a mirror sphere and a glass sphere. Both are mirrors in the paper.
+/// Returns the Cornell box with a mirror sphere and a glass sphere. Both are mirrors in the paper.
 pub(super) fn spheres() -> Scene {
     let mut scene = walls(true);
     scene.materials.extend([mirror(), clear("glass", 1.5, Vec3::ZERO)]);
@@ -155,8 +157,8 @@ pub(super) fn spheres() -> Scene {
     scene
 }
 
-/// Cornell box with a mirror sphere before a back wall that is a mirror, too. So that there is something to see in it, the box has a
-/// front wall, through which the camera looks.
+/// Returns the Cornell box with a mirror sphere before a mirror as back wall. A front wall, through which the
+/// camera looks, closes the box, so that the mirrors reflect a surface.
 pub(super) fn mirrors() -> Scene {
     let mut scene = walls(true);
     let front = Material { sides: Sides::OneCulled, ..scene.materials[WHITE].clone() };
@@ -171,17 +173,18 @@ pub(super) fn mirrors() -> Scene {
     scene
 }
 
-/// Height of the still water.
+/// Height of the water level at rest.
 const WATER: f64 = 0.3;
 
-/// Cornell box as a basin of water. A lamp before the box, below the picture, shines over the rim. The back wall from the water up
-/// lies behind the lamp's plane, so the lamp's light gets there only by way of the water.
+/// Returns the Cornell box as a basin of water. A lamp before the box, below the image, shines over the rim.
+/// The back wall above the water lies behind the lamp's plane, so the lamp's light can only reach it by
+/// reflection off the water.
 pub(super) fn water() -> Scene {
     let mut scene = walls(true);
     scene.cameras = vec![camera([0.0, 1.5, 3.3], [0.0, 0.91, -0.5], 36.0)];
-    // Red light is lost first: a third of it over a metre.
+    // Red light is absorbed most: a third of it over a metre.
     scene.materials.push(clear("water", 1.33, Vec3::new(0.4, 0.07, 0.04)));
-    // Dark, so that the lamp's light in the basin does not outshine what is reflected.
+    // The basin is dark, so that the lamp's light in it does not outshine the caustic.
     scene.materials.push(Material::diffuse("basin", Vec3::new(0.08, 0.1, 0.12)));
     for mesh in scene.meshes.iter_mut().filter(|m| m.name == "floor") {
         mesh.material = 4;
@@ -199,9 +202,9 @@ pub(super) fn water() -> Scene {
     scene
 }
 
-/// The water's surface, front up, from wall to wall and a little into them.
+/// Returns the water's surface, front up, from wall to wall and a little into them.
 fn waves() -> Mesh {
-    // Amplitude, wave vector and phase of each wave.
+    // Each wave has an amplitude, a wave vector and a phase.
     let waves = [
         (0.0030, [9.0, 5.0], 0.3),
         (0.0026, [-7.0, 11.0], 1.9),
@@ -237,7 +240,7 @@ fn waves() -> Mesh {
     mesh
 }
 
-/// Cornell box without ceiling and front wall under [`sky`].
+/// Returns the Cornell box without ceiling and front wall under [`sky`].
 pub(super) fn env() -> Scene {
     let mut scene = walls(false);
     short_block(&mut scene);
@@ -247,7 +250,8 @@ pub(super) fn env() -> Scene {
     scene
 }
 
-/// A gradient with a sun of 21 texels; rows are computed at their middles and met at the poles, as in the reference.
+/// Returns a gradient with a sun of 21 texels. Rows are computed at their middles but looked up with the
+/// first and last row at the poles, as in the reference.
 fn sky() -> EnvironmentMap {
     let (width, height) = (256, 128);
     let sun = DVec3::new(0.449_438_552_495_030_1, 0.799_001_871_102_275_7, 0.399_500_935_551_137_86);

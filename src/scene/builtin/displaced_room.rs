@@ -1,14 +1,15 @@
-//! A closed room whose walls are rough: many small triangles in all directions, for tests of visibility.
+//! A closed room whose walls are rough: many small triangles of all orientations, for tests of visibility.
 
 use glam::{Vec2, Vec3};
 
 use super::{add_as_is, camera, hash};
 use crate::scene::{Light, Material, Mesh, Scene};
 
-/// Metres that a wall bulges inwards at most.
+/// Maximum inward displacement of a wall in metres.
 const DEPTH: f32 = 0.3;
 
-/// The room [-1, 1]^3 with a point light inside and about `triangles` triangles: six walls of n x n squares.
+/// Returns the room [-1, 1]^3 with a point light inside and about `triangles` triangles: six walls of n x n
+/// squares.
 pub(super) fn scene(triangles: u32) -> Scene {
     let n = (triangles as f32 / 12.0).sqrt().round().max(1.0) as u32;
     let colors = [[0.7, 0.2, 0.2], [0.2, 0.6, 0.2], [0.7; 3], [0.75; 3], [0.6, 0.6, 0.75], [0.75, 0.65, 0.5]];
@@ -25,15 +26,16 @@ pub(super) fn scene(triangles: u32) -> Scene {
     scene
 }
 
-/// A wall seen from inside. Its edges stay where they are, so that neighbours meet exactly.
+/// Returns a wall that faces inwards. Its edges are not displaced, so that neighbours match exactly.
 fn wall(seed: u32, outward: Vec3, n: u32) -> Mesh {
     let along_u = Vec3::new(outward.y, outward.z, outward.x).abs();
-    // along_u x along_v points inwards.
+    // The cross product of along_u and along_v points inwards.
     let along_v = along_u.cross(outward);
     let at = |i: u32, j: u32| {
         let uv = Vec2::new(i as f32, j as f32) / n as f32;
         let edge = 16.0 * uv.x * (1.0 - uv.x) * uv.y * (1.0 - uv.y);
-        // Odd about the middle to the last bit, so that a neighbour that counts the other way has the same corners.
+        // The coordinates are odd about the middle to the last bit, so that a neighbour that counts from the
+        // other end has the same corners.
         let centred = |i: u32| (2.0 * i as f32 - n as f32) / n as f32;
         let flat = outward + along_u * centred(i) + along_v * centred(j);
         flat - outward * (DEPTH * edge * bumps(uv, seed))
@@ -53,13 +55,13 @@ fn wall(seed: u32, outward: Vec3, n: u32) -> Mesh {
     }
 }
 
-/// Four octaves of value noise in [0, 1].
+/// Sums four octaves of value noise to a value in [0, 1].
 fn bumps(uv: Vec2, seed: u32) -> f32 {
     let octave = |k: u32| noise(uv * (4 << k) as f32, seed * 4 + k) * 0.5_f32.powi(k as i32 + 1);
     (0..4).map(octave).sum::<f32>() / 0.9375
 }
 
-/// Random values at whole numbers with smooth transitions.
+/// Interpolates random values at integer coordinates smoothly.
 fn noise(p: Vec2, seed: u32) -> f32 {
     let cell = p.floor();
     let t = p - cell;

@@ -1,4 +1,5 @@
-//! A hall of many small lights: partitions and pillars hide most of them from any place, so that what is near matters.
+//! A hall of many small lights. Partitions and pillars hide most of them from any point, so that nearby
+//! lights dominate.
 
 use std::f32::consts::PI;
 
@@ -7,46 +8,47 @@ use glam::Vec3;
 use super::{add_as_is, camera, hash};
 use crate::scene::{Emission, Light, Material, Mesh, Scene};
 
-/// Watts per channel, on average, of all lights together, however many.
+/// Total power of all lights in watts per channel, on average and for any number of lights.
 const POWER: f32 = 150.0;
 /// Half of the hall's sides along x and z, and its height, metres.
 const HALF: f32 = 4.0;
 const HEIGHT: f32 = 3.0;
-/// Where the camera stands.
+/// Position of the camera.
 const EYE: Vec3 = Vec3::new(-3.6, 1.7, 3.6);
-/// Metres that a light keeps from walls and pillars: nothing else bounds how bright a point light makes them.
+/// Minimum distance in metres of a light from walls and pillars, which bounds the irradiance by point lights.
 const CLEARANCE: f32 = 0.06;
-/// Flakes that hang in the hall at least, shining or not, so that the geometry is the same for fewer lights.
-const FLAKES: u32 = 10_000;
-/// Colours, and powers of each: a factor of 2 from one to the next.
+/// Minimum number of flakes, emissive or not, so that the geometry is the same for fewer lights.
+const MIN_FLAKES: u32 = 10_000;
+/// Number of hues, and of powers of each, which double from one to the next.
 const HUES: u32 = 12;
 const STRENGTHS: u32 = 6;
-/// Cells of the hall, and how far above the rest of a place on the curve their number lies.
+/// Number of cells of the hall, and the bit position of a cell's number in a curve index.
 const CELLS: u32 = 64;
 const CELL_SHIFT: u32 = 24;
 
-/// Flakes, `lights` of which shine, on one side, the one that the camera does not see: pictures show what they light, and not how
-/// small they are. The hall is divided into cells of one colour each, and within a cell flakes lie in
-/// the order of a space-filling curve: builders of acceleration structures may go by the order of triangles.
+/// Returns the hall with flakes, of which `lights` emit on one side, the one that faces away from the camera:
+/// images show their light and not their size. The hall is divided into cells of one colour each. Within a
+/// cell flakes are in the order of a space-filling curve, because builders of acceleration structures may
+/// depend on the order of triangles.
 pub(super) fn emitters(lights: u32) -> Scene {
     let mut scene = hall();
-    let flakes = lights.max(FLAKES);
+    let flakes = lights.max(MIN_FLAKES);
     let spacing = (4.0 * HALF * HALF * HEIGHT / flakes as f32).cbrt();
-    let mut number = Numbers(0x1234_5678);
-    let mut places: Vec<Vec3> = (0..flakes).map(|_| number.place(CLEARANCE + 0.3 * spacing)).collect();
-    places.sort_unstable_by_key(|&p| curve(p));
+    let mut random = Random(0x1234_5678);
+    let mut places: Vec<Vec3> = (0..flakes).map(|_| random.place(CLEARANCE + 0.3 * spacing)).collect();
+    places.sort_unstable_by_key(|&p| curve_index(p));
     let mut meshes = vec![[Mesh::default(), Mesh::default()]; CELLS as usize];
     let mut power = 0.0;
     for (i, center) in (0..).zip(places) {
-        let normal = number.direction();
+        let normal = random.direction();
         let normal = if normal.dot(center - EYE) < 0.0 { -normal } else { normal };
-        // Areas, and so powers, over a factor of 100.
-        let right = normal.any_orthonormal_vector() * (0.03 * spacing * 10.0_f32.powf(number.next()));
+        // Areas, and so powers, vary by a factor of 100.
+        let right = normal.any_orthonormal_vector() * (0.03 * spacing * 10.0_f32.powf(random.next()));
         let up = normal.cross(right) * 1.2;
-        // Evenly spread over the flakes.
+        // Emissive flakes are distributed evenly over all flakes.
         let share = |count: u32| u64::from(count) * u64::from(lights) / u64::from(flakes);
         let shines = share(i + 1) > share(i);
-        let cell = curve(center) >> CELL_SHIFT;
+        let cell = curve_index(center) >> CELL_SHIFT;
         let mesh = &mut meshes[cell as usize][usize::from(shines)];
         let first = mesh.positions.len() as u32;
         let corners = [center - right * 0.5 - up * 0.3, center + right * 0.5 - up * 0.3, center + up * 0.6];
@@ -72,15 +74,15 @@ pub(super) fn emitters(lights: u32) -> Scene {
     scene
 }
 
-/// Point lights in many colours and powers.
+/// Returns the hall with point lights in many colours and powers.
 pub(super) fn points(lights: u32) -> Scene {
     let mut scene = hall();
-    let mut number = Numbers(0x8765_4321);
+    let mut random = Random(0x8765_4321);
     let places: Vec<(Vec3, Vec3)> = (0..lights)
         .map(|_| {
-            let place = number.place(CLEARANCE);
-            // Powers over a factor of 100 within a cell.
-            (place, color(curve(place) >> CELL_SHIFT) * 100.0_f32.powf(number.next()))
+            let place = random.place(CLEARANCE);
+            // Powers vary by a factor of 100 within a cell.
+            (place, color(curve_index(place) >> CELL_SHIFT) * 100.0_f32.powf(random.next()))
         })
         .collect();
     let power: f32 = places.iter().map(|(_, color)| 4.0 * PI * color.element_sum() / 3.0).sum();
@@ -91,7 +93,7 @@ pub(super) fn points(lights: u32) -> Scene {
     scene
 }
 
-/// Floor, ceiling, walls, partitions that leave doors, and pillars.
+/// Returns floor, ceiling, walls, partitions with doorways, and pillars.
 fn hall() -> Scene {
     let mut scene =
         Scene { cameras: vec![camera(EYE.as_dvec3().to_array(), [0.4, 0.9, -1.8], 78.0)], ..Scene::default() };
@@ -113,7 +115,7 @@ fn hall() -> Scene {
     scene
 }
 
-/// Lower and upper corners of partitions and pillars.
+/// Returns the lower and upper corners of partitions and pillars.
 fn obstacles() -> Vec<[Vec3; 2]> {
     let block = |x: [f32; 2], z: [f32; 2], top: f32| [Vec3::new(x[0], 0.0, z[0]), Vec3::new(x[1], top, z[1])];
     let mut out = vec![
@@ -128,7 +130,8 @@ fn obstacles() -> Vec<[Vec3; 2]> {
     out
 }
 
-/// A side of a box, 0 and 1 below and above, then across x, then across z; its front outwards or, of a room, inwards.
+/// Returns a side of a box: 0 and 1 are below and above, 2 and 3 across x, 4 and 5 across z. Its front faces
+/// outwards, or inwards for a room.
 fn face([low, high]: [Vec3; 2], side: usize, inwards: bool) -> Mesh {
     let axis = [1, 0, 2][side / 2];
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -140,7 +143,7 @@ fn face([low, high]: [Vec3; 2], side: usize, inwards: bool) -> Mesh {
         p[v] = if at[1] { high[v] } else { low[v] };
         p
     };
-    // u x v points along the axis.
+    // The cross product of u and v points along the axis.
     let mut corners = [[false, false], [true, false], [true, true], [false, true]].map(corner);
     if upper == inwards {
         corners.reverse();
@@ -148,7 +151,7 @@ fn face([low, high]: [Vec3; 2], side: usize, inwards: bool) -> Mesh {
     super::quad(corners)
 }
 
-/// One of many colours and powers, of no unit: the scene's power decides.
+/// Returns one of many unitless colours and strengths, which the scene's total power scales.
 fn color(key: u32) -> Vec3 {
     let kind = hash(key) % (HUES * STRENGTHS);
     let angle = (kind % HUES) as f32 / HUES as f32 * 2.0 * PI;
@@ -156,17 +159,17 @@ fn color(key: u32) -> Vec3 {
     (Vec3::splat(1.0) + 0.8 * hue) * 2.0_f32.powi((kind / HUES) as i32)
 }
 
-/// Where a place comes on a space-filling curve through the hall, 30 bits.
-fn curve(p: Vec3) -> u32 {
+/// Returns the 30-bit index of a point on a space-filling curve through the hall (Morton order).
+fn curve_index(p: Vec3) -> u32 {
     let cell = (p / Vec3::new(2.0 * HALF, HEIGHT, 2.0 * HALF) + Vec3::new(0.5, 0.0, 0.5)) * 1024.0;
     let spread = |v: f32| (0..10).fold(0, |bits, i| bits | ((v as u32).min(1023) >> i & 1) << (3 * i));
     spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
 }
 
-/// Numbers in [0, 1).
-struct Numbers(u32);
+/// A generator of random numbers in [0, 1).
+struct Random(u32);
 
-impl Numbers {
+impl Random {
     fn next(&mut self) -> f32 {
         self.0 = self.0.wrapping_add(1);
         (hash(self.0) >> 8) as f32 / (1 << 24) as f32
@@ -179,7 +182,7 @@ impl Numbers {
         Vec3::new(r * cos, r * sin, z)
     }
 
-    /// A place in the hall that keeps its distance from everything solid.
+    /// Returns a random point in the hall with a minimum distance from all walls and obstacles.
     fn place(&mut self, distance: f32) -> Vec3 {
         let [low, high] = [Vec3::new(-HALF, 0.0, -HALF) + distance, Vec3::new(HALF, HEIGHT, HALF) - distance];
         loop {

@@ -1,7 +1,8 @@
-//! Scenes that need no file: the Cornell boxes of the reference images, others with mirrors, glass and water, scenes with a known
-//! answer, a displaced room, halls of many lights, and surfaces that are tessellated and displaced.
+//! Scenes without a file: the Cornell boxes of the reference images, others with mirrors, glass and water,
+//! scenes with an analytic solution, a displaced room, halls of many lights, and tessellated and displaced
+//! surfaces.
 //!
-//! A name may carry a number after a colon where [`names`] says so. All scenes are deterministic.
+//! A name may carry a number after a colon; [`names`] documents it. All scenes are deterministic.
 
 mod analytic;
 mod cornell;
@@ -14,10 +15,10 @@ use std::path::PathBuf;
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use super::shapes::smooth_normals;
-use super::{Camera, FovAxis, Instance, LoadError, Mesh, Projection, Scene};
+use crate::scene::model::normals::smooth_normals;
+use crate::scene::{Camera, FovAxis, Instance, LoadError, Mesh, Projection, Scene};
 
-/// The radiance that a pixel should have, from the number of indirect bounces (none: all) and the place in the image.
+/// The analytic radiance of a pixel, from the number of indirect bounces (none: all) and the image position.
 type Answer = fn(Option<u32>, Vec2) -> f64;
 
 struct Entry {
@@ -29,7 +30,7 @@ struct Entry {
 
 enum Make {
     Plain(fn() -> Scene),
-    /// With a number after a colon, and what it is without.
+    /// Takes a number after a colon; the second field is its default.
     Counted(fn(u32) -> Scene, u32),
 }
 
@@ -115,10 +116,10 @@ const SCENES: &[Entry] = &[
     },
 ];
 
-/// Triangles or lights that a number after a colon may ask for.
+/// Maximum of the number after a colon.
 const MAX_COUNT: u32 = 50_000_000;
 
-/// Name and one-line description of every scene.
+/// Returns name and one-line description of every scene.
 pub fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
     SCENES.iter().map(|e| (e.name, e.about))
 }
@@ -126,7 +127,8 @@ pub fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
 /// Makes a scene by its name, without `builtin:`.
 ///
 /// # Errors
-/// A name that is not in [`names`], or a number that does not belong there.
+/// A name that is not in [`names`], and a number that is out of range or follows a name that takes none, are
+/// errors.
 pub fn load(name: &str) -> Result<Scene, LoadError> {
     let path = PathBuf::from(format!("builtin:{name}"));
     let (plain, count) = name.split_once(':').map_or((name, None), |(plain, count)| (plain, Some(count)));
@@ -146,21 +148,25 @@ pub fn load(name: &str) -> Result<Scene, LoadError> {
     Ok(Scene { name: path.display().to_string(), ..scene })
 }
 
-/// The radiance that a scene's picture should have at a place, (0, 0) its upper left corner and (1, 1) its lower right one.
+/// Returns the analytic radiance at an image position, (0, 0) in the upper left corner and (1, 1) in the
+/// lower right one.
 ///
-/// `bounces` counts indirect bounces, none means all. None for a scene whose answer is not known. Red, green and blue are the same.
+/// `bounces` counts indirect bounces; `None` means all. Returns `None` for a scene without an analytic
+/// solution. All channels are equal.
 #[must_use]
 pub fn answer(name: &str, bounces: Option<u32>, at: Vec2) -> Option<f64> {
     let entry = SCENES.iter().find(|e| e.name == name)?;
     Some(entry.answer?(bounces, at))
 }
 
-/// Four corners, counter-clockwise seen from the front, in two triangles that share the first and the third.
+/// Returns four corners, counter-clockwise seen from the front, as two triangles that share the first and the
+/// third.
 fn quad(corners: [Vec3; 4]) -> Mesh {
     Mesh { positions: corners.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() }
 }
 
-/// A block from y = `bottom` to `top` over four corners of its floor plan, each face with its own vertices.
+/// Returns a block from y = `bottom` to `top` over four corners of its floor plan; every face has its own
+/// vertices.
 fn block(plan: [[f64; 2]; 4], bottom: f64, top: f64, closed: bool) -> Mesh {
     let at = |i: usize, y: f64| vec3(plan[i % 4][0], y, plan[i % 4][1]);
     let mut mesh = quad([at(0, top), at(1, top), at(2, top), at(3, top)]);
@@ -189,7 +195,7 @@ fn vec3(x: f64, y: f64, z: f64) -> Vec3 {
     glam::DVec3::new(x, y, z).as_vec3()
 }
 
-/// Adds a mesh at its place, with smooth normals if it has none.
+/// Adds a mesh with an identity transform, and smooth normals if it has none.
 fn add(scene: &mut Scene, name: &str, material: usize, mut mesh: Mesh) {
     if mesh.normals.is_empty() {
         mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
@@ -198,14 +204,15 @@ fn add(scene: &mut Scene, name: &str, material: usize, mut mesh: Mesh) {
     add_as_is(scene, material, mesh);
 }
 
-/// Adds a mesh at its place, flat if it has no normals.
+/// Adds a mesh with an identity transform, flat-shaded if it has no normals.
 fn add_as_is(scene: &mut Scene, material: usize, mut mesh: Mesh) {
     mesh.material = material;
     scene.instances.push(Instance { mesh: scene.meshes.len(), world_from_local: Affine3A::IDENTITY });
     scene.meshes.push(mesh);
 }
 
-/// A pinhole that looks from one point to another with +Y up; `fov` in degrees across.
+/// Returns a pinhole camera that looks from one point to another with +Y up; `fov` is the horizontal angle in
+/// degrees.
 fn camera(eye: [f64; 3], target: [f64; 3], fov: f64) -> Camera {
     let [eye, target] = [eye, target].map(glam::DVec3::from);
     let back = (eye - target).normalize();

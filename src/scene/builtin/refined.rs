@@ -1,15 +1,15 @@
-//! Surfaces that are finer than their meshes: 96 triangles rounded by Phong tessellation, a sea whose waves move, a terrain.
+//! Refined surfaces: 96 triangles rounded by Phong tessellation, a sea with animated waves, a terrain.
 
 use glam::{DVec3, Mat3, Vec2, Vec3, Vec3Swizzles as _};
 
 use super::{add, add_as_is, block, camera, hash, vec3};
-use crate::scene::shapes::{icosphere, room, sphere};
+use crate::scene::model::shapes::{icosphere, room, sphere};
 use crate::scene::{
     Bsdf, Displacement, EdgeFactor, Environment, Height, Light, Material, Mesh, Scene, Tessellation, Wave,
 };
 
-/// A sphere of 96 triangles, as many as figure 10 of Tokuyoshi and Ogaki (2012) shows, as it is and rounded, in a room with a point
-/// light.
+/// Returns a sphere of 96 triangles, the number in figure 10 of Tokuyoshi and Ogaki (2012), with and without
+/// Phong tessellation, in a room with a point light.
 pub(super) fn phong_sphere() -> Scene {
     let colors = [("room", [0.7, 0.7, 0.68]), ("as it is", [0.3, 0.45, 0.65]), ("rounded", [0.75, 0.35, 0.2])];
     let mut scene = Scene {
@@ -21,7 +21,7 @@ pub(super) fn phong_sphere() -> Scene {
     add_as_is(&mut scene, 0, Mesh { name: "room".to_owned(), ..room(1.0) });
     for (material, x) in [(1, -0.46), (2, 0.46)] {
         let mut ball = sphere(8, 7);
-        // Poles up and down.
+        // The rotation moves the poles to +Y and -Y.
         let turned = |v: Vec3| vec3(v.y.into(), v.z.into(), v.x.into());
         ball.positions.iter_mut().for_each(|p| *p = turned(*p) * 0.4 + vec3(x, -0.5, -0.3));
         ball.normals.iter_mut().for_each(|n| *n = turned(*n));
@@ -33,7 +33,8 @@ pub(super) fn phong_sphere() -> Scene {
     scene
 }
 
-/// A square of n x n squares in the plane y = 0 around the origin, front up, of so many metres; u along +X, v along +Z.
+/// Returns a grid of n x n squares with sides of `side` metres in the plane y = 0 around the origin, facing
+/// up; u runs along +X, v along +Z.
 fn plane(side: f32, n: u32) -> Mesh {
     let corners = (0..=n).flat_map(|j| (0..=n).map(move |i| Vec2::new(i as f32, j as f32) / n as f32));
     let uvs: Vec<Vec2> = corners.collect();
@@ -45,7 +46,7 @@ fn plane(side: f32, n: u32) -> Mesh {
         triangles: squares
             .flat_map(|(i, j)| {
                 let [a, b, c, d] = [index(i, j), index(i, j + 1), index(i + 1, j + 1), index(i + 1, j)];
-                // Diagonals in turns, so that no direction is preferred.
+                // Diagonals alternate, so that no direction is preferred.
                 if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
             })
             .collect(),
@@ -54,7 +55,7 @@ fn plane(side: f32, n: u32) -> Mesh {
     }
 }
 
-/// Daylight: an even sky and a sun.
+/// Returns a uniform sky and a sun.
 fn daylight(sun: [f64; 3]) -> (Option<Environment>, Vec<Light>) {
     let radiance = Vec3::new(0.45, 0.6, 0.85);
     let sky = Environment { radiance, map: None, world_from_environment: Mat3::IDENTITY };
@@ -62,7 +63,7 @@ fn daylight(sun: [f64; 3]) -> (Option<Environment>, Vec<Light>) {
     (Some(sky), vec![Light::Directional { direction, irradiance: Vec3::new(3.0, 2.7, 2.2) }])
 }
 
-/// Waves of 0.7 to 9 metres that go about one way, as steep as each other.
+/// Returns waves of 0.7 to 9 metres of similar direction and equal steepness.
 fn swell() -> Vec<Wave> {
     let random = |key: u32| (hash(key) >> 8) as f32 / (1 << 24) as f32;
     (0..24)
@@ -75,7 +76,7 @@ fn swell() -> Vec<Wave> {
         .collect()
 }
 
-/// A sea in sunlight with a jetty; waves move with the time.
+/// Returns a sea in sunlight with a jetty; the waves are animated.
 pub(super) fn sea() -> Scene {
     let (environment, lights) = daylight([-0.5, 0.5, -0.75]);
     let water = Bsdf::MetallicRoughness {
@@ -116,7 +117,7 @@ pub(super) fn sea() -> Scene {
     scene
 }
 
-/// Hills in sunlight, 240 m wide, of seven octaves.
+/// Returns hills in sunlight, 240 m wide, of seven octaves.
 pub(super) fn terrain() -> Scene {
     let (environment, lights) = daylight([0.8, 0.35, 0.2]);
     let mut scene = Scene {

@@ -1,11 +1,12 @@
-//! A closed room with a point light 2 cm from a wall and small objects beside it: few paths carry most of the light.
+//! A closed room with a point light 2 cm from a wall and small objects beside it: few paths carry most of the
+//! light.
 
 use glam::Vec3;
 
 use super::{add, block, camera, quad, vec3};
 use crate::scene::{Light, Material, Mesh, Scene};
 
-/// The corner of a square, turned by `degrees` about +Y.
+/// Returns a block over a rectangle, rotated by `degrees` about +Y.
 fn boxed(center: [f64; 2], half: [f64; 2], degrees: f64, bottom: f64, top: f64, closed: bool) -> Mesh {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let corner = |x: f64, z: f64| {
@@ -15,7 +16,7 @@ fn boxed(center: [f64; 2], half: [f64; 2], degrees: f64, bottom: f64, top: f64, 
     block([corner(-1.0, -1.0), corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0)], bottom, top, closed)
 }
 
-/// The scene `corner_spikes` of the reference images.
+/// Returns the scene `corner_spikes` of the reference images.
 pub(super) fn scene() -> Scene {
     let colors = [
         ("grey", [0.7, 0.7, 0.7]),

@@ -1,4 +1,4 @@
-//! The picture, or two with a divider, and the camera under the mouse.
+//! Draws one picture, or two with a divider, and moves the camera with the mouse.
 
 use std::sync::Arc;
 
@@ -8,35 +8,35 @@ use egui::{
 
 use crate::film::Film;
 use crate::tonemap::Grade;
-use crate::viewer::order::{Layer, Picture};
+use crate::viewer::render_thread::PANES;
+use crate::viewer::request::{Layer, Picture};
 use crate::viewer::state::State;
-use crate::viewer::studio::PANES;
 
-/// Radians that a point of the mouse turns.
+/// Rotation per point of mouse motion, radians.
 const TURN: f32 = 0.008;
-/// Share of the distance that a point of the wheel goes.
+/// Relative change of the distance per point of wheel motion.
 const WHEEL: f32 = 0.003;
-/// Points on either side of the divider where it can be taken.
+/// Half the width of the divider's drag area, points.
 const GRIP: f32 = 5.0;
 
-/// A picture on the interface's device.
+/// A picture that was uploaded to the interface's device.
 struct Shown {
     texture: TextureHandle,
     film: Arc<Film>,
-    grade: Grade,
+    tonemap: Grade,
 }
 
-/// What has been shown last.
+/// Draws the pictures and keeps their textures.
 #[derive(Default)]
 pub struct Canvas {
     shown: [Option<Shown>; PANES],
 }
 
 impl Canvas {
-    /// Shows the pictures in all of the space, and moves the camera.
+    /// Draws the pictures into the available space and handles mouse input.
     pub fn show(&mut self, ui: &mut Ui, state: &mut State) {
         let scale = ui.ctx().pixels_per_point();
-        // Whole pixels, so that one of the picture is one of the screen.
+        // The area is aligned to whole pixels, so that film pixels coincide with screen pixels.
         let rect = ui.max_rect();
         let rect = Rect::from_min_max((rect.min * scale).ceil() / scale, (rect.max * scale).floor() / scale);
         let pixels = rect.size() * scale;
@@ -52,7 +52,7 @@ impl Canvas {
                 (true, _) => Rect::from_min_max(Pos2::new(divider, rect.top()), rect.max),
             };
             let Some(picture) = &state.sides[pane].picture else { continue };
-            self.upload(ui, pane, picture, state.grade());
+            self.upload(ui, pane, picture, state.display_tonemap());
             let painter = ui.painter().with_clip_rect(part);
             if let Some(Shown { texture, .. }) = &self.shown[pane] {
                 let whole = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
@@ -70,7 +70,7 @@ impl Canvas {
                 painter.galley(place.min, galley, Color32::WHITE);
             }
         }
-        if state.card.is_none() {
+        if state.scene_info.is_none() {
             let text = match state.notes.last() {
                 Some(_) => "no scene: drop a file here, or open one in the panel",
                 None => "loading …",
@@ -93,29 +93,29 @@ impl Canvas {
         steer(ui, &response, state, rect);
     }
 
-    fn upload(&mut self, ui: &Ui, pane: usize, picture: &Picture, grade: Grade) {
-        let grade = if picture.layer.is_radiance() { grade } else { Grade::PLAIN };
-        let same = |shown: &Shown| Arc::ptr_eq(&shown.film, &picture.film) && shown.grade == grade;
+    fn upload(&mut self, ui: &Ui, pane: usize, picture: &Picture, tonemap: Grade) {
+        let tonemap = if picture.layer.is_radiance() { tonemap } else { Grade::PLAIN };
+        let same = |shown: &Shown| Arc::ptr_eq(&shown.film, &picture.film) && shown.tonemap == tonemap;
         if self.shown[pane].as_ref().is_some_and(same) {
             return;
         }
         let size = [picture.film.width, picture.film.height].map(|side| side as usize);
-        let image = ColorImage::from_rgb(size, &grade.picture(&picture.film));
+        let image = ColorImage::from_rgb(size, &tonemap.picture(&picture.film));
         let film = Arc::clone(&picture.film);
         match &mut self.shown[pane] {
             Some(shown) => {
                 shown.texture.set(image, egui::TextureOptions::LINEAR);
-                (shown.film, shown.grade) = (film, grade);
+                (shown.film, shown.tonemap) = (film, tonemap);
             }
             empty => {
                 let texture = ui.ctx().load_texture(format!("picture {pane}"), image, egui::TextureOptions::LINEAR);
-                *empty = Some(Shown { texture, film, grade });
+                *empty = Some(Shown { texture, film, tonemap });
             }
         }
     }
 }
 
-/// What a pane shows, where that does not go without saying.
+/// Returns the caption of a pane; none for a single picture, which needs none.
 fn caption(state: &State, pane: usize) -> Option<String> {
     let side = &state.sides[pane];
     let picture = side.picture.as_ref()?;
@@ -134,14 +134,14 @@ fn caption(state: &State, pane: usize) -> Option<String> {
     });
     match (state.compares, picture.layer) {
         (false, Layer::Light) => None,
-        (true, Layer::Light) => Some(side.settings.method.to_string()),
-        (true, _) => Some(format!("{}: {layer}", side.settings.method)),
+        (true, Layer::Light) => Some(side.settings.technique.to_string()),
+        (true, _) => Some(format!("{}: {layer}", side.settings.technique)),
         (false, _) => Some(layer),
     }
     .map(|text| compared.map_or(text.clone(), |compared| format!("{text}\n{compared}")))
 }
 
-/// What a layer is called.
+/// Returns the displayed name of a layer.
 pub fn layer_name(layer: Layer) -> String {
     match layer {
         Layer::Light => "picture".to_owned(),
@@ -156,24 +156,24 @@ pub fn layer_name(layer: Layer) -> String {
     }
 }
 
-/// The mouse: orbit, look around, shift, come closer.
+/// Applies mouse input to the camera: orbit, look around, pan, zoom.
 fn steer(ui: &Ui, response: &egui::Response, state: &mut State, rect: Rect) {
     let delta = response.drag_delta();
     let shift = ui.input(|i| i.modifiers.shift);
     if delta != egui::Vec2::ZERO {
         if response.dragged_by(PointerButton::Middle) || (shift && response.dragged_by(PointerButton::Primary)) {
-            state.walk(|stand| {
-                let metres = stand.distance() / rect.height();
-                stand.fly(0.0, -delta.x * metres, delta.y * metres);
+            state.move_camera(|orbit_camera| {
+                let metres = orbit_camera.distance() / rect.height();
+                orbit_camera.fly(0.0, -delta.x * metres, delta.y * metres);
             });
         } else if response.dragged_by(PointerButton::Primary) {
-            state.walk(|stand| stand.orbit(-delta.x * TURN, delta.y * TURN));
+            state.move_camera(|orbit_camera| orbit_camera.orbit(-delta.x * TURN, delta.y * TURN));
         } else if response.dragged_by(PointerButton::Secondary) {
-            state.walk(|stand| stand.turn(-0.5 * delta.x * TURN, -0.5 * delta.y * TURN));
+            state.move_camera(|orbit_camera| orbit_camera.turn(-0.5 * delta.x * TURN, -0.5 * delta.y * TURN));
         }
     }
     let wheel = ui.input(|i| i.smooth_scroll_delta.y);
     if response.hovered() && wheel != 0.0 {
-        state.walk(|stand| stand.approach((-wheel * WHEEL).exp()));
+        state.move_camera(|orbit_camera| orbit_camera.approach((-wheel * WHEEL).exp()));
     }
 }

@@ -1,4 +1,4 @@
-//! The interface: a panel, a line that says what is going on, and the picture. It is egui alone, and needs no window.
+//! The interface: a panel, a status line and the picture. It depends only on egui, and needs no window.
 
 mod canvas;
 mod panel;
@@ -10,32 +10,33 @@ use std::path::PathBuf;
 use egui::{Align, CentralPanel, Context, Frame, Key, Layout, Margin, Panel, RichText, Ui};
 
 use self::canvas::Canvas;
-use super::knobs::{Knob, knobs};
-use super::order::{Layer, Picture};
+use super::render_thread::Note;
+use super::request::{Layer, Picture};
+use super::setting_controls::{SettingControl, controls};
 use super::state::State;
-use super::studio::Note;
-use crate::settings::Method;
+use crate::settings::Technique;
 use crate::tonemap::Grade;
 
-/// Points of the panel's width, and most of it as a share of the window.
+/// Width of the panel in points, and its largest fraction of the window's width.
 const PANEL: f32 = 256.0;
 const PANEL_SHARE: f32 = 0.38;
 /// Methods in the order of their keys, 1 to 5.
-const METHODS: [Method; 5] = [Method::Raster, Method::Twin, Method::RayQuery, Method::Path, Method::Reference];
+const METHODS: [Technique; 5] =
+    [Technique::RASTER, Technique::TWIN, Technique::RAY_QUERY, Technique::PATH, Technique::REFERENCE];
 
-/// What the user asked for that is not a choice.
+/// An action of the user that does not change the state.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
-    /// Write the active side's picture to a file of this ending.
+    /// Write the active side's picture to a file with this extension.
     Save(&'static str),
 }
 
-/// The interface, with what it remembers.
+/// The interface and its own state.
 pub struct Interface {
-    knobs: Vec<Knob>,
+    controls: Vec<SettingControl>,
     canvas: Canvas,
     hides_panel: bool,
-    /// What is typed in place of which scene.
+    /// Text in the scene field, and the scene that it was last filled in from.
     spec: [String; 2],
     actions: Vec<Action>,
 }
@@ -43,7 +44,7 @@ pub struct Interface {
 impl Default for Interface {
     fn default() -> Self {
         Self {
-            knobs: knobs(),
+            controls: controls(),
             canvas: Canvas::default(),
             hides_panel: false,
             spec: Default::default(),
@@ -52,7 +53,7 @@ impl Default for Interface {
     }
 }
 
-/// Sets fonts and spaces: small, so that much fits.
+/// Sets small fonts and spacings, so that many controls fit.
 pub fn style(context: &Context) {
     context.set_theme(egui::Theme::Dark);
     context.all_styles_mut(|style| {
@@ -64,13 +65,14 @@ pub fn style(context: &Context) {
         style.spacing.combo_width = 60.0;
         style.spacing.interact_size.y = 17.0;
         style.interaction.tooltip_delay = 0.3;
-        // What blinks would have to be drawn again and again.
+        // A blinking cursor would cause continuous redrawing.
         style.visuals.text_cursor.blink = false;
     });
 }
 
 impl Interface {
-    /// One frame of the interface; what the user did is in the state afterwards. `seconds` passed since the last.
+    /// Lays out one frame of the interface and applies the user's input to the state; `seconds` have passed
+    /// since the last frame.
     pub fn show(&mut self, ui: &mut Ui, state: &mut State, seconds: f32) -> Vec<Action> {
         self.keys(ui.ctx(), state, seconds);
         let margin = Margin::symmetric(6, 3);
@@ -86,13 +88,13 @@ impl Interface {
         std::mem::take(&mut self.actions)
     }
 
-    /// Has all pictures put on the device again.
+    /// Discards all textures, so that the pictures are uploaded again.
     pub fn forget_textures(&mut self) {
         self.canvas = Canvas::default();
     }
 
     fn keys(&mut self, context: &Context, state: &mut State, seconds: f32) {
-        state.pass(seconds);
+        state.advance_animation(seconds);
         if state.playback.is_some_and(|p| p.playing) {
             context.request_repaint();
         }
@@ -114,7 +116,7 @@ impl Interface {
             (Key::T, Layer::Lists),
         ] {
             let side = &mut state.sides[state.active];
-            if pressed(key) && layer.is_of(side.settings.method) {
+            if pressed(key) && layer.is_of(side.settings.technique) {
                 side.layer = layer;
             }
         }
@@ -125,7 +127,7 @@ impl Interface {
             panel::compare(state, !state.compares);
         }
         if pressed(Key::R) {
-            (state.stand, state.fov) = (None, None);
+            (state.orbit_camera, state.fov) = (None, None);
         }
         if pressed(Key::Space) {
             panel::play(state);
@@ -144,13 +146,13 @@ impl Interface {
         });
         if let Some([ahead, right, up]) = steps.filter(|steps| *steps != [0.0; 3]) {
             let metres = state.stride() * seconds.min(0.1);
-            state.walk(|stand| stand.fly(ahead * metres, right * metres, up * metres));
+            state.move_camera(|orbit_camera| orbit_camera.fly(ahead * metres, right * metres, up * metres));
             context.request_repaint();
         }
     }
 }
 
-/// What is going on, in one line.
+/// Lays out the status line.
 fn line(ui: &mut Ui, state: &State) {
     ui.horizontal(|ui| {
         for side in state.sides.iter().take(if state.compares { 2 } else { 1 }) {
@@ -158,7 +160,7 @@ fn line(ui: &mut Ui, state: &State) {
                 ui.label("…");
                 continue;
             };
-            ui.label(RichText::new(side.settings.method.to_string()).strong());
+            ui.label(RichText::new(side.settings.technique.to_string()).strong());
             ui.label(summary(picture));
             ui.separator();
         }
@@ -173,7 +175,7 @@ fn line(ui: &mut Ui, state: &State) {
     });
 }
 
-/// Samples, their cost and the size of a picture.
+/// Returns the number of samples, the time of each and the size of a picture.
 fn summary(picture: &Picture) -> String {
     let Picture { film, stats, batch: (count, seconds), .. } = picture;
     let size = format!("{}x{}", film.width, film.height);
@@ -185,10 +187,10 @@ fn summary(picture: &Picture) -> String {
     format!("{} {samples}, {millis:.0} ms each, {size}", stats.samples)
 }
 
-/// The file that a picture of the active side would have, and how it is shown.
+/// Returns the pane, the file name and the tone map for saving the active side's picture.
 #[must_use]
 pub fn file_of(state: &State, extension: &str) -> (usize, PathBuf, Grade) {
-    (if state.compares { state.active } else { 0 }, state.free_file(extension), state.grade())
+    (if state.compares { state.active } else { 0 }, state.free_file(extension), state.display_tonemap())
 }
 
 #[cfg(test)]
@@ -198,14 +200,14 @@ mod tests {
 
     use super::*;
     use crate::film::Film;
-    use crate::renderer::RenderStats;
+    use crate::render::renderer::RenderStats;
     use crate::scene::builtin;
     use crate::settings::Settings;
     use crate::staging::Staging;
     use crate::tonemap::{Exposure, Tonemap};
-    use crate::viewer::order::{Card, Machine};
+    use crate::viewer::render_thread::Outbox;
+    use crate::viewer::request::{Machine, SceneInfo};
     use crate::viewer::state::Launch;
-    use crate::viewer::studio::Desk;
 
     /// The interface without a window.
     struct Desktop {
@@ -223,7 +225,7 @@ mod tests {
                 spec: "builtin:cornell_point".to_owned(),
                 staging: Staging::default(),
                 settings: Settings::default(),
-                stand: None,
+                orbit_camera: None,
                 fov: None,
                 animation: None,
                 at: None,
@@ -231,16 +233,16 @@ mod tests {
                 tonemap: Tonemap::Agx,
             });
             let scene = builtin::load("cornell_point").unwrap();
-            let card = Card {
+            let scene_info = SceneInfo {
                 spec: "builtin:cornell_point".to_owned(),
                 cameras: scene.cameras,
                 lights: scene.lights,
                 animations: vec![("walk".to_owned(), 2.0)],
                 sphere: (glam::Vec3::ZERO, 2.0),
-                ..Card::default()
+                ..SceneInfo::default()
             };
             let picture = Picture {
-                order: 1,
+                request: 1,
                 film: Arc::new(Film::new(8, 6)),
                 layer: Layer::Light,
                 auto_stops: Some(1.5),
@@ -252,8 +254,8 @@ mod tests {
                 error: None,
                 finished: false,
             };
-            let desk = Desk { card: Some(card), pictures: [Some(picture), None], ..Desk::default() };
-            state.accept(desk, Instant::now());
+            let outbox = Outbox { scene_info: Some(scene_info), pictures: [Some(picture), None], ..Outbox::default() };
+            state.accept(outbox, Instant::now());
             Self { context, interface: Interface::default(), state, size: egui::vec2(640.0, 360.0) }
         }
 
@@ -284,19 +286,21 @@ mod tests {
     fn keys_choose() {
         let mut desktop = Desktop::new();
         desktop.frame(Vec::new());
-        for (key, method) in [(Key::Num4, Method::Path), (Key::Num5, Method::Reference), (Key::Num1, Method::Raster)] {
+        for (key, method) in
+            [(Key::Num4, Technique::PATH), (Key::Num5, Technique::REFERENCE), (Key::Num1, Technique::RASTER)]
+        {
             desktop.key(key);
-            assert_eq!(desktop.state.sides[0].settings.method, method);
+            assert_eq!(desktop.state.sides[0].settings.technique, method);
         }
         desktop.state.machine = Machine { no_rays: Some("no rays".to_owned()), ..Machine::default() };
         desktop.key(Key::Num2);
-        assert_eq!(desktop.state.sides[0].settings.method, Method::Raster, "the machine has no twin");
+        assert_eq!(desktop.state.sides[0].settings.technique, Technique::RASTER, "the machine has no twin");
         desktop.key(Key::N);
         assert_eq!(desktop.state.sides[0].layer, Layer::Normal);
         desktop.key(Key::W);
-        assert!(desktop.state.stand.is_some());
+        assert!(desktop.state.orbit_camera.is_some());
         desktop.key(Key::R);
-        assert!(desktop.state.stand.is_none());
+        assert!(desktop.state.orbit_camera.is_none());
         desktop.key(Key::C);
         assert_eq!((desktop.state.compares, desktop.state.active), (true, 1));
         desktop.key(Key::C);
@@ -317,8 +321,8 @@ mod tests {
                 desktop.state.marks_vpls = true;
                 desktop.frame(Vec::new());
             }
-            let order = desktop.state.order(Instant::now()).unwrap();
-            let settings = &order.panes[0].settings;
+            let request = desktop.state.request(Instant::now()).unwrap();
+            let settings = &request.panes[0].settings;
             assert!(settings.width >= 1 && f64::from(settings.width) <= f64::from(size[0]).max(1.0));
             assert_eq!(settings.check(), Ok(()));
         }

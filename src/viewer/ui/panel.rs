@@ -1,4 +1,4 @@
-//! The panel: everything that can be chosen, and what came of it.
+//! The panel: all controls, and statistics of the picture.
 
 use clap::ValueEnum as _;
 use egui::{CollapsingHeader, ComboBox, DragValue, RichText, Slider, SliderClamping, Ui};
@@ -7,18 +7,19 @@ use glam::Vec3;
 use super::canvas::layer_name;
 use super::{Action, Interface, METHODS, report, settings};
 use crate::scene::Light;
+use crate::scene::load::endings;
 use crate::settings::{OnlyStrategy, UNLIMITED};
 use crate::tonemap::{Exposure, Tonemap};
-use crate::viewer::order::Layer;
+use crate::viewer::render_thread::Note;
+use crate::viewer::request::Layer;
 use crate::viewer::state::{Playback, State};
-use crate::viewer::studio::Note;
 
-/// Stops that the exposure slider spans.
+/// Range of the exposure slider, stops.
 const STOPS: std::ops::RangeInclusive<f32> = -8.0..=8.0;
-/// Bounces whose strategies are listed.
+/// Largest number of bounces whose strategies are listed.
 const LISTED: u32 = 4;
 
-/// Shows one picture, or two.
+/// Starts or ends the comparison of two pictures.
 pub fn compare(state: &mut State, on: bool) {
     state.compares = on;
     state.active = usize::from(on);
@@ -27,9 +28,9 @@ pub fn compare(state: &mut State, on: bool) {
     }
 }
 
-/// Plays or stops the animation, or begins the first.
+/// Plays or pauses the animation; starts the first one if none is chosen.
 pub fn play(state: &mut State) {
-    let any = state.card.as_ref().is_some_and(|card| !card.animations.is_empty());
+    let any = state.scene_info.as_ref().is_some_and(|scene_info| !scene_info.animations.is_empty());
     match &mut state.playback {
         Some(playback) => playback.playing = !playback.playing,
         None if any => state.playback = Some(Playback { index: 0, seconds: 0.0, playing: true }),
@@ -47,12 +48,12 @@ impl Interface {
         section(ui, "Display", true, |ui| self.display(ui, state));
         section(ui, "Settings", false, |ui| {
             let side = &mut state.sides[state.active];
-            if settings::show(ui, &self.knobs, &mut side.chosen) {
-                side.settle();
+            if settings::show(ui, &self.controls, &mut side.chosen) {
+                side.validate();
             }
         });
         section(ui, "Camera", false, |ui| camera(ui, state));
-        if state.card.as_ref().is_some_and(|card| !card.animations.is_empty()) {
+        if state.scene_info.as_ref().is_some_and(|scene_info| !scene_info.animations.is_empty()) {
             section(ui, "Animation", true, |ui| animation(ui, state));
         }
         section(ui, "Lights", false, |ui| lights(ui, state));
@@ -82,12 +83,12 @@ impl Interface {
                 ui.selectable_value(&mut state.active, 1, "right");
             }
         });
-        let methods = self.knobs.iter().find(|knob| knob.name == "method");
-        let chosen = state.sides[state.active].settings.method;
+        let methods = self.controls.iter().find(|control| control.name == "method");
+        let chosen = state.sides[state.active].settings.technique;
         ui.horizontal_wrapped(|ui| {
             for (n, method) in METHODS.into_iter().enumerate() {
-                let name = method.to_string();
-                let help = methods.and_then(|knob| knob.choices.iter().find(|(choice, _)| *choice == name));
+                let (name, estimator) = (method.to_string(), method.method.to_string());
+                let help = methods.and_then(|control| control.choices.iter().find(|(choice, _)| *choice == estimator));
                 let lacks = state.lacks(method).map(str::to_owned);
                 let button = egui::Button::selectable(chosen == method, &name);
                 let response = ui
@@ -103,7 +104,7 @@ impl Interface {
             ui.label(RichText::new(wrong).color(ui.visuals().warn_fg_color));
         }
         let side = &mut state.sides[state.active];
-        let (method, bounces) = (side.settings.method, side.settings.bounces);
+        let (method, bounces) = (side.settings.technique, side.settings.bounces);
         ui.horizontal(|ui| {
             ui.label("shows");
             ComboBox::from_id_salt("layer").width(150.0).selected_text(layer_name(side.layer)).show_ui(ui, |ui| {
@@ -126,7 +127,7 @@ impl Interface {
         ui.horizontal(|ui| {
             let mut auto = state.exposure == Exposure::Auto;
             let hint = "Exposure by the picture's log-average luminance; of two pictures, by that of the left one";
-            let mut stops = state.grade().stops;
+            let mut stops = state.display_tonemap().stops;
             if ui.checkbox(&mut auto, "auto").on_hover_text(hint).changed() {
                 state.exposure = if auto { Exposure::Auto } else { Exposure::Stops(hundredths(stops)) };
             }
@@ -166,7 +167,7 @@ impl Interface {
         if ui.button("open").clicked() || entered {
             state.open(text.trim());
         }
-        ui.label("A .gltf, .glb or Mitsuba .xml file, or builtin:NAME. A file can also be dropped on the window.");
+        ui.label(format!("A file ({}) or builtin:NAME. A file can also be dropped on the window.", endings()));
         ui.horizontal_wrapped(|ui| {
             for (name, about) in crate::scene::builtin::names() {
                 if ui.small_button(name).on_hover_text(about).clicked() {
@@ -177,31 +178,32 @@ impl Interface {
     }
 }
 
-/// What the command line prints and takes.
+/// Rounds stops to hundredths, the precision of the command line.
 fn hundredths(stops: f32) -> f32 {
     (stops * 100.0).round() / 100.0
 }
 
 fn camera(ui: &mut Ui, state: &mut State) {
-    let names: Vec<String> = state.card.iter().flat_map(|card| &card.cameras).map(|c| c.name.clone()).collect();
+    let names: Vec<String> =
+        state.scene_info.iter().flat_map(|scene_info| &scene_info.cameras).map(|c| c.name.clone()).collect();
     if names.len() > 1 {
         let selected = names.get(state.camera).cloned().unwrap_or_default();
         ComboBox::from_id_salt("camera").selected_text(selected).show_ui(ui, |ui| {
             for (index, name) in names.iter().enumerate() {
                 if ui.selectable_value(&mut state.camera, index, name).clicked() {
-                    state.stand = None;
+                    state.orbit_camera = None;
                 }
             }
         });
     }
-    if let Some(mut stand) = state.standing() {
+    if let Some(mut orbit_camera) = state.current_orbit_camera() {
         let speed = f64::from(state.stride()) * 0.002;
         let mut changed = false;
-        for (name, point) in [("eye", &mut stand.eye), ("target", &mut stand.target)] {
+        for (name, point) in [("eye", &mut orbit_camera.eye), ("target", &mut orbit_camera.target)] {
             changed |= point_row(ui, name, point, speed);
         }
         if changed {
-            state.stand = Some(stand);
+            state.orbit_camera = Some(orbit_camera);
         }
     }
     ui.horizontal(|ui| {
@@ -213,7 +215,7 @@ fn camera(ui: &mut Ui, state: &mut State) {
             ui.add(DragValue::new(fov).range(1.0..=170.0).suffix("°"));
         }
         if ui.button("reset").on_hover_text("Back to the scene's own camera (R)").clicked() {
-            (state.stand, state.fov) = (None, None);
+            (state.orbit_camera, state.fov) = (None, None);
         }
     });
 }
@@ -231,16 +233,16 @@ fn point_row(ui: &mut Ui, name: &str, point: &mut Vec3, speed: f64) -> bool {
 }
 
 fn animation(ui: &mut Ui, state: &mut State) {
-    let Some(card) = &state.card else { return };
+    let Some(scene_info) = &state.scene_info else { return };
     let mut playback = state.playback.unwrap_or(Playback { index: 0, seconds: 0.0, playing: false });
     let before = playback;
-    let named = |index: usize| card.animations.get(index).map_or(String::new(), |(name, _)| name.clone());
+    let named = |index: usize| scene_info.animations.get(index).map_or(String::new(), |(name, _)| name.clone());
     ComboBox::from_id_salt("animation").selected_text(named(playback.index)).show_ui(ui, |ui| {
-        for index in 0..card.animations.len() {
+        for index in 0..scene_info.animations.len() {
             ui.selectable_value(&mut playback.index, index, named(index));
         }
     });
-    let length = card.animations.get(playback.index).map_or(0.0, |(_, seconds)| *seconds);
+    let length = scene_info.animations.get(playback.index).map_or(0.0, |(_, seconds)| *seconds);
     ui.horizontal(|ui| {
         if ui.button(if playback.playing { "⏸" } else { "▶" }).on_hover_text("Play or stop (Space)").clicked() {
             playback.playing = !playback.playing;
@@ -255,14 +257,14 @@ fn animation(ui: &mut Ui, state: &mut State) {
     }
 }
 
-/// Colour and strength of what shines, and where it is.
+/// Shows colour, strength and position of lights and emissive materials.
 fn lights(ui: &mut Ui, state: &mut State) {
-    let Some(card) = &state.card else { return };
-    if card.lights.is_empty() && card.emissions.is_empty() {
+    let Some(scene_info) = &state.scene_info else { return };
+    if scene_info.lights.is_empty() && scene_info.emissions.is_empty() {
         ui.label("Nothing here can be changed.");
     }
     let speed = f64::from(state.stride()) * 0.002;
-    for (index, &own) in card.lights.iter().enumerate() {
+    for (index, &own) in scene_info.lights.iter().enumerate() {
         let mut light = state.edits.lights.get(&index).copied().unwrap_or(own);
         let (kind, position, power) = match &mut light {
             Light::Point { position, intensity } => ("point", Some(position), intensity),
@@ -271,7 +273,7 @@ fn lights(ui: &mut Ui, state: &mut State) {
             Light::Directional { irradiance, .. } => ("directional", None, irradiance),
             Light::Sun { irradiance, .. } => ("sun", None, irradiance),
         };
-        let mut changed = shine(ui, &format!("{kind} {index}"), power);
+        let mut changed = emission_row(ui, &format!("{kind} {index}"), power);
         if let Some(position) = position {
             changed |= point_row(ui, "at", position, speed);
         }
@@ -279,10 +281,10 @@ fn lights(ui: &mut Ui, state: &mut State) {
             state.edits.lights.insert(index, light);
         }
     }
-    for (index, name, own) in &card.emissions {
+    for (index, name, own) in &scene_info.emissions {
         let mut radiance = state.edits.emissions.get(index).copied().unwrap_or(*own);
         let name = if name.is_empty() { format!("material {index}") } else { name.clone() };
-        if shine(ui, &name, &mut radiance) {
+        if emission_row(ui, &name, &mut radiance) {
             state.edits.emissions.insert(*index, radiance);
         }
     }
@@ -291,7 +293,7 @@ fn lights(ui: &mut Ui, state: &mut State) {
     }
 }
 
-fn shine(ui: &mut Ui, name: &str, power: &mut Vec3) -> bool {
+fn emission_row(ui: &mut Ui, name: &str, power: &mut Vec3) -> bool {
     ui.horizontal(|ui| {
         let mut strength = power.max_element().max(0.0);
         let mut color = if strength > 0.0 { (*power / strength).to_array() } else { [1.0; 3] };

@@ -1,12 +1,12 @@
-//! What the active side's picture took: the plan, the time of each pass, counts.
+//! Statistics of the active side's picture: plan, time of each pass, counts.
 
 use egui::{Color32, RichText, Ui};
 use egui_plot::{AxisHints, Bar, BarChart, GridMark, Plot};
 
-use crate::viewer::order::Picture;
+use crate::viewer::request::Picture;
 use crate::viewer::state::State;
 
-/// The plan, pass by pass with the reason.
+/// Shows the plan: passes with their reasons.
 pub fn plan(ui: &mut Ui, picture: &Picture) {
     egui::ScrollArea::horizontal().id_salt("plan").show(ui, |ui| {
         let text = RichText::new(&*picture.plan).monospace().size(9.5);
@@ -14,7 +14,7 @@ pub fn plan(ui: &mut Ui, picture: &Picture) {
     });
 }
 
-/// Milliseconds on the device of a sample, pass by pass.
+/// Shows the device time of each pass, milliseconds per sample.
 pub fn times(ui: &mut Ui, picture: &Picture) {
     let samples = picture.batch.0.max(1) as f64;
     let each = |(name, time): (&&'static str, &crate::gpu::PassTime)| (*name, time.gpu_millis / samples);
@@ -54,7 +54,7 @@ pub fn times(ui: &mut Ui, picture: &Picture) {
         .show(ui, |plot| plot.bar_chart(chart));
 }
 
-/// Counts and memory.
+/// Shows counts and memory.
 pub fn counts(ui: &mut Ui, state: &State, picture: &Picture) {
     let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 * 1e-6);
     let stats = &picture.stats;
@@ -63,12 +63,12 @@ pub fn counts(ui: &mut Ui, state: &State, picture: &Picture) {
         ("pictures a second", format!("{:.1}", state.pictures_a_second)),
         ("film", format!("{}x{}", picture.film.width, picture.film.height)),
         ("on the device", megabytes(stats.bytes)),
-        ("the scene there", megabytes(stats.scene_bytes)),
-        ("redone for room", stats.redone.to_string()),
+        ("scene on the device", megabytes(stats.scene_bytes)),
+        ("redone for capacity", stats.redone.to_string()),
         ("not finite", stats.non_finite.to_string()),
     ];
-    if let Some(card) = &state.card {
-        rows.push(("triangles", card.triangles.to_string()));
+    if let Some(scene_info) = &state.scene_info {
+        rows.push(("triangles", scene_info.triangles.to_string()));
     }
     egui::Grid::new("counts").num_columns(2).show(ui, |ui| {
         for (name, value) in rows {
@@ -77,9 +77,9 @@ pub fn counts(ui: &mut Ui, state: &State, picture: &Picture) {
             ui.end_row();
         }
     });
-    if !stats.demands.is_empty() {
-        ui.label("Most list nodes that each view wanted").on_hover_text("In the plan's order: lights, VPLs, bundles.");
-        let nodes: Vec<String> = stats.demands.iter().map(|[_, nodes]| nodes.to_string()).collect();
+    if !stats.requests.is_empty() {
+        ui.label("Most list nodes requested by each view").on_hover_text("In the plan's order: lights, VPLs, bundles.");
+        let nodes: Vec<String> = stats.requests.iter().map(|request| request.nodes.to_string()).collect();
         ui.label(RichText::new(nodes.join("  ")).monospace().small());
     }
     ui.label(RichText::new(&state.machine.device).small().weak());

@@ -1,0 +1,111 @@
+//! The conditional-compilation flags of shaders.
+
+macro_rules! flags {
+    ($($(#[$doc:meta])* $flag:ident = $name:literal,)*) => {
+        /// A condition of a shader (`@if(NAME)`). Flags that are not given are off.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Flag { $($(#[$doc])* $flag,)* }
+
+        impl Flag {
+            /// All flags.
+            pub const ALL: &[Self] = &[$(Self::$flag,)*];
+
+            /// Returns the name in shaders.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$flag => $name,)* }
+            }
+        }
+    };
+}
+
+flags! {
+    /// Materials have textures.
+    Textures = "TEXTURES",
+    /// Vertices have colours.
+    VertexColors = "VERTEX_COLORS",
+    /// Materials have lobes other than the diffuse one.
+    Glossy = "GLOSSY",
+    /// Materials have holes (alpha masks).
+    Masks = "MASKS",
+    /// Paths continue at mirrors.
+    Specular = "SPECULAR",
+    /// Paths are refracted by dielectrics.
+    Transmission = "TRANSMISSION",
+
+    /// Point, spot or directional lights exist.
+    Punctual = "PUNCTUAL",
+    /// Lights with directional patterns exist.
+    Patterns = "PATTERNS",
+    /// Emissive surfaces exist.
+    Emission = "EMISSION",
+    /// An environment exists.
+    Environment = "ENVIRONMENT",
+    /// The environment is a map.
+    EnvironmentMap = "ENVIRONMENT_MAP",
+    /// Lights at infinity exist; their views are parallel projections.
+    Infinite = "INFINITE",
+
+    /// Depth maps and centre-sampled lists answer visibility.
+    Fast = "FAST",
+    /// Ray queries answer visibility.
+    RayQuery = "RAY_QUERY",
+    /// The view stores the edge functions of all triangles.
+    Projected = "PROJECTED",
+    /// The list entries that queries walk are counted.
+    Walked = "WALKED",
+
+    /// A reflective shadow map proposes directions from y0.
+    Rsm = "RSM",
+    /// The light vertex is y0.
+    Light = "LIGHT",
+    /// The pass samples y1 from y0.
+    Y1 = "Y1",
+    /// The geometry term is bounded (`--strategies paper`).
+    Clamped = "CLAMPED",
+    /// The extension is the last one: hits on emitters count, and no vertex is written.
+    Last = "LAST",
+    /// Bundle directions follow the environment map.
+    SkyBundles = "SKY_BUNDLES",
+    /// The pass selects a light point and tests no visibility.
+    Choose = "CHOOSE",
+    /// Selected light points are reused in the next iteration.
+    Reuse = "REUSE",
+    /// Light is added to layers that are denoised, not to the film.
+    Layered = "LAYERED",
+    /// Converged tiles are skipped.
+    Adaptive = "ADAPTIVE",
+
+    /// Light subpaths are traced.
+    LightPaths = "LIGHT_PATHS",
+    /// Lights are chosen by descending a light tree.
+    LightTree = "LIGHT_TREE",
+    /// Direct light of first hits comes from reservoirs.
+    Reservoirs = "RESERVOIRS",
+
+    /// Meshes are skinned.
+    Skins = "SKINS",
+    /// Meshes have morph targets.
+    Morphs = "MORPHS",
+    /// Heights come from maps.
+    HeightMaps = "HEIGHT_MAPS",
+    /// Heights come from noise.
+    Noise = "NOISE",
+    /// Heights come from waves.
+    Waves = "WAVES",
+
+    /// Layers are coarser than the image.
+    Upsample = "UPSAMPLE",
+}
+
+/// Joins the names of flags with spaces.
+#[must_use]
+pub fn flag_names(flags: &[Flag]) -> String {
+    flags.iter().map(|flag| flag.name()).collect::<Vec<_>>().join(" ")
+}
+
+impl serde::Serialize for Flag {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}

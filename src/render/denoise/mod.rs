@@ -1,0 +1,348 @@
+//! Turns the layers of a frame, clear and indirect light of few samples, into a picture (paper section 6;
+//! Boughida et al. 2017).
+//!
+//! Indirect light is divided by the reflectance of the diffuse base before anything is averaged, and
+//! multiplied back at the end. The passes are shaders/denoise: `gradient` measures how much the light has
+//! changed, `temporal` averages over time, `filter` over the pixels of a square, `firefly_clamp` bounds
+//! outliers, `compose` adds up the frame's picture, and `antialias` averages pictures.
+
+pub mod plan;
+
+use std::array;
+
+use glam::{Mat4, Vec3};
+
+use crate::film::Film;
+use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back};
+use crate::render::convergence::BiasFilms;
+use crate::render::denoise::plan::DenoisePlan;
+use crate::render::interleave::{Grid, Region};
+use crate::render::layouts;
+use crate::render::recording::{Binding, Recording};
+use crate::render::upload::gpu_scene::GpuScene;
+
+/// GGX width to which the roughness clamp widens narrow lobes of metals at normal incidence, for which a lobe
+/// holds enough samples: alpha = sqrt(8 F G / (cos N)) (section 5.2), 0.35 with N = 64 / 16.
+const CLAMPED_ALPHA: f32 = 0.7;
+
+/// Buffers of this frame and of the one before, which alternate.
+struct Pair([wgpu::Buffer; 2]);
+
+impl Pair {
+    fn new(gpu: &Gpu, label: &str, bytes: u64) -> Self {
+        Self(array::from_fn(|_| gpu.storage(label, bytes)))
+    }
+
+    fn now(&self, frame: u64) -> &wgpu::Buffer {
+        &self.0[(frame % 2) as usize]
+    }
+
+    fn before(&self, frame: u64) -> &wgpu::Buffer {
+        &self.0[((frame + 1) % 2) as usize]
+    }
+
+    fn bytes(&self) -> u64 {
+        2 * self.0[0].size()
+    }
+}
+
+/// The camera of the frame before.
+struct Before {
+    clip_from_world: [[f32; 4]; 4],
+    jitter: [f32; 2],
+}
+
+/// Pictures that measure the bias of the filter: the same frames unfiltered, and filtered twice.
+struct Bias {
+    filtered_twice: wgpu::Buffer,
+    composed: wgpu::Buffer,
+    unfiltered: Pair,
+    twice: Pair,
+}
+
+/// Layers, histories and passes of a picture that is denoised frame by frame.
+pub struct Denoiser {
+    grid: Grid,
+    history: u32,
+    /// Samples that a lobe should hold ([`crate::settings::Settings::clamp_samples`]).
+    clamp_samples: f32,
+    /// Frames so far.
+    frame: u64,
+    /// Frames since anything changed.
+    still: u64,
+    before: Option<Before>,
+    /// Vertex positions of the frame before, if they have moved since.
+    positions_before: Option<wgpu::Buffer>,
+    moved: bool,
+    uniform: wgpu::Buffer,
+    guides: Pair,
+    /// Guides of the layers, if these are coarser than the image.
+    layer_guides: Option<Pair>,
+    clear: Pair,
+    indirect: Pair,
+    gradient: Option<(Compute, wgpu::Buffer)>,
+    temporal: Option<(Compute, Pair)>,
+    filter: Option<(Compute, wgpu::Buffer)>,
+    bias: Option<Bias>,
+    firefly_clamp: Option<(Compute, wgpu::Buffer)>,
+    compose: Compute,
+    composed: wgpu::Buffer,
+    antialias: Compute,
+    pictures: Pair,
+}
+
+impl Denoiser {
+    /// Builds the passes and buffers of a plan.
+    #[must_use]
+    pub fn new(gpu: &Gpu, plan: &DenoisePlan, clamp_samples: f32) -> Self {
+        let grid = plan.grid;
+        let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
+        let guide = size_of::<layouts::Guide>() as u64;
+        let glossy: &[Flag] = if plan.glossy { &[Flag::Glossy] } else { &[] };
+        let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
+        let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
+        let pass = |shader, flags| Compute::new(gpu, shader, flags);
+        Self {
+            grid,
+            history: plan.history,
+            clamp_samples,
+            frame: 0,
+            still: 0,
+            before: None,
+            positions_before: None,
+            moved: false,
+            uniform: gpu.uniform::<layouts::DenoiseUniform>("denoise"),
+            guides: Pair::new(gpu, "guides", image * guide),
+            layer_guides: (grid.scale > 1).then(|| Pair::new(gpu, "layer_guides", layer * guide)),
+            clear: Pair::new(gpu, "clear", image * 16),
+            indirect: Pair::new(gpu, "indirect", layer * 32),
+            gradient: plan
+                .has_gradients()
+                .then(|| (pass("denoise/gradient", &[]), gpu.storage("gradients", squares * 8))),
+            temporal: (plan.history > 0)
+                .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
+            filter: plan.filtered.then(|| (pass("denoise/filter", glossy), gpu.storage("filtered", layer * 32))),
+            bias: plan.measures_bias.then(|| Bias {
+                filtered_twice: gpu.storage("filtered", layer * 32),
+                composed: gpu.storage("composed", image * 16),
+                unfiltered: Pair::new(gpu, "picture", image * 16),
+                twice: Pair::new(gpu, "picture", image * 16),
+            }),
+            firefly_clamp: plan
+                .clamps_fireflies
+                .then(|| (pass("denoise/firefly_clamp", &[]), gpu.storage("clamped_layers", layer * 32))),
+            compose: pass("denoise/compose", upsample),
+            composed: gpu.storage("composed", image * 16),
+            antialias: pass("denoise/antialias", &[]),
+            pictures: Pair::new(gpu, "picture", image * 16),
+        }
+    }
+
+    /// Returns the bytes of all buffers.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let pairs = [&self.guides, &self.clear, &self.indirect, &self.pictures];
+        let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
+        let passes = [&self.gradient, &self.filter, &self.firefly_clamp];
+        let buffers = passes.into_iter().flatten().map(|(_, buffer)| buffer);
+        let buffers = buffers.chain([&self.composed]).chain(&self.positions_before);
+        let of_bias = |bias: &Bias| {
+            bias.filtered_twice.size() + bias.composed.size() + bias.unfiltered.bytes() + bias.twice.bytes()
+        };
+        let bias = self.bias.as_ref().map_or(0, of_bias);
+        pairs.map(Pair::bytes).sum::<u64>() + buffers.map(wgpu::Buffer::size).sum::<u64>() + bias
+    }
+
+    /// Discards all frames.
+    pub fn restart(&mut self) {
+        (self.before, self.still, self.moved) = (None, 0, false);
+    }
+
+    /// Begins the average of still frames anew, since the camera has moved.
+    pub fn camera_moved(&mut self) {
+        self.still = 0;
+    }
+
+    /// Prepares for a change of lights or vertices, and copies the present positions for reprojection.
+    pub fn scene_moves(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        self.still = 0;
+        if self.before.is_none() || self.moved {
+            return;
+        }
+        let bytes = scene.positions.size();
+        if self.positions_before.as_ref().is_none_or(|there| there.size() != bytes) {
+            self.positions_before = Some(gpu.storage("positions_before", bytes));
+        }
+        if let Some(there) = &self.positions_before {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.copy_buffer_to_buffer(&scene.positions, 0, there, 0, bytes);
+            gpu.queue.submit([encoder.finish()]);
+        }
+        self.moved = true;
+    }
+
+    /// Returns the number of light subpaths per pixel since anything changed, including this frame's: N of
+    /// eq. (14)-(16).
+    #[must_use]
+    pub fn samples(&self) -> f32 {
+        (self.still + 1) as f32 * self.grid.subpaths() as f32
+    }
+
+    /// Returns the class of pixels that repeats the random numbers of the frame before, which separates
+    /// changes of light from noise. Each frame takes another class.
+    #[must_use]
+    pub fn repeated(&self) -> Option<u32> {
+        let changed = self.gradient.is_some() && self.before.is_some() && self.still == 0;
+        changed.then(|| (self.frame * 7 % u64::from(self.grid.subpaths())) as u32)
+    }
+
+    /// Returns the guides of a region's pixels.
+    #[must_use]
+    pub fn guides(&self, region: &Region) -> &wgpu::Buffer {
+        match &self.layer_guides {
+            Some(guides) if region.scale > 1 => guides.now(self.frame),
+            _ => self.guides.now(self.frame),
+        }
+    }
+
+    /// Returns the bindings of the layers that a region writes.
+    #[must_use]
+    pub fn layers(&self, region: &Region) -> [Binding<'_>; 3] {
+        [
+            ("guides", self.guides(region).as_entire_binding()),
+            ("clear", self.clear.now(self.frame).as_entire_binding()),
+            ("indirect", self.indirect.now(self.frame).as_entire_binding()),
+        ]
+    }
+
+    /// Denoises the frame's layers to a picture and begins the next frame. `camera` is the frame's uniform.
+    pub fn advance(&mut self, gpu: &Gpu, scene: &GpuScene, camera: &layouts::FrameUniform) {
+        let uniform = self.uniform_of(camera);
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
+        let mut recording = Recording::new(gpu, scene, "denoise");
+        self.record(&mut recording, uniform.repeats != 0);
+        recording.submit();
+
+        self.before = Some(Before { clip_from_world: camera.clip_from_world, jitter: camera.jitter });
+        (self.frame, self.still, self.moved) = (self.frame + 1, self.still + 1, false);
+    }
+
+    /// Records the passes from layers to pictures.
+    fn record(&self, recording: &mut Recording, repeats: bool) {
+        let (frame, layer) = (self.frame, self.grid.layer());
+        let layer_guides = self.layer_guides.as_ref().unwrap_or(&self.guides);
+        let positions_before = self.positions_before.as_ref().unwrap_or(&recording.scene.positions);
+        let shared = bindings([
+            ("denoise", &self.uniform),
+            ("positions_before", positions_before),
+            ("clear", self.clear.now(frame)),
+            ("clear_before", self.clear.before(frame)),
+            ("indirect", self.indirect.now(frame)),
+            ("indirect_before", self.indirect.before(frame)),
+        ]);
+        let guides = bindings([("guides", layer_guides.now(frame)), ("guides_before", layer_guides.before(frame))]);
+
+        if let Some((pass, gradients)) = self.gradient.as_ref().filter(|_| repeats) {
+            let inputs = bindings([("gradients", gradients)]);
+            recording.run(pass, self.grid.squares(), &[&shared, &guides, &inputs]);
+        }
+        let mut unfiltered = self.indirect.now(frame);
+        if let Some((pass, history)) = &self.temporal {
+            // Without gradients the shader does not read them.
+            let gradients = self.gradient.as_ref().map_or(self.indirect.now(frame), |(_, gradients)| gradients);
+            let (now, before) = (history.now(frame), history.before(frame));
+            let inputs = bindings([("gradients", gradients), ("history", now), ("history_before", before)]);
+            recording.run(pass, layer, &[&shared, &guides, &inputs]);
+            unfiltered = now;
+        }
+        let mut light = unfiltered;
+        if let Some((pass, filtered)) = &self.filter {
+            let inputs = bindings([("unfiltered", unfiltered), ("filtered", filtered)]);
+            recording.run(pass, layer, &[&shared, &guides, &inputs]);
+            light = filtered;
+        }
+        if let Some((pass, clamped_layers)) = &self.firefly_clamp {
+            let inputs = bindings([("filtered", light), ("clamped_layers", clamped_layers)]);
+            recording.run(pass, layer, &[&shared, &guides, &inputs]);
+            light = clamped_layers;
+        }
+        let mut pictures = vec![(light, &self.composed, &self.pictures)];
+        if let (Some((pass, filtered)), Some(bias)) = (&self.filter, &self.bias) {
+            let inputs = bindings([("unfiltered", filtered), ("filtered", &bias.filtered_twice)]);
+            recording.run(pass, layer, &[&shared, &guides, &inputs]);
+            pictures.push((unfiltered, &bias.composed, &bias.unfiltered));
+            pictures.push((&bias.filtered_twice, &bias.composed, &bias.twice));
+        }
+        for (light, composed, pictures) in pictures {
+            let inputs = bindings([
+                ("guides", self.guides.now(frame)),
+                ("layer_guides", layer_guides.now(frame)),
+                ("filtered", light),
+                ("composed", composed),
+                ("picture", pictures.now(frame)),
+                ("picture_before", pictures.before(frame)),
+            ]);
+            recording.run(&self.compose, self.grid.size, &[&shared, &inputs]);
+            recording.run(&self.antialias, self.grid.size, &[&shared, &inputs]);
+        }
+    }
+
+    /// Returns the uniform that the passes share.
+    fn uniform_of(&self, camera: &layouts::FrameUniform) -> layouts::DenoiseUniform {
+        let Grid { size, side, scale, .. } = self.grid;
+        let before = self.before.as_ref();
+        let jitter = before.map_or(camera.jitter, |before| before.jitter);
+        let repeated = self.repeated();
+        layouts::DenoiseUniform {
+            clip_before: before.map_or(Mat4::IDENTITY.to_cols_array_2d(), |before| before.clip_from_world),
+            camera_position: camera.camera_position,
+            footprint: 2.0 * Vec3::from(camera.camera_right).length() / size[0] as f32 * scale as f32,
+            jitter_shift: array::from_fn(|i| jitter[i] - camera.jitter[i]),
+            image: size,
+            layer: self.grid.layer(),
+            repeated: repeated.map_or([0; 2], |class| [class % side, class / side]),
+            scale,
+            side,
+            orthographic: camera.orthographic,
+            has_before: u32::from(before.is_some()),
+            still: u32::from(before.is_some() && self.still > 0),
+            moved: u32::from(self.moved),
+            repeats: u32::from(repeated.is_some()),
+            // A still picture may converge.
+            history: u64::from(self.history).max(self.still + 1) as f32,
+            odd: (self.frame % 2) as u32,
+            clamped_alpha: CLAMPED_ALPHA / (self.samples() / self.clamp_samples).sqrt(),
+            frames: (self.still + 1) as f32,
+            averages: if self.temporal.is_some() { 2.0 } else { 1.0 },
+        }
+    }
+
+    /// Reads the picture of the last frame, averaged with those before it.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
+        self.read(gpu, &self.pictures)
+    }
+
+    /// Reads the same frames unfiltered, and filtered twice, if the plan measures the bias of the filter.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
+        let Some(bias) = &self.bias else { return Ok(None) };
+        let [unfiltered, twice] = [&bias.unfiltered, &bias.twice].map(|pictures| self.read(gpu, pictures));
+        Ok(Some(BiasFilms { side: self.grid.side, unfiltered: unfiltered?, twice: twice? }))
+    }
+
+    fn read(&self, gpu: &Gpu, pictures: &Pair) -> Result<Film, GpuError> {
+        let [width, height] = self.grid.size;
+        let pixels: Vec<[f32; 4]> = read_back(gpu, pictures.before(self.frame), (width * height) as usize)?;
+        Ok(Film { width, height, pixels: pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect() })
+    }
+}
+
+/// Returns bindings of whole buffers.
+fn bindings<'a, const N: usize>(buffers: [(&'a str, &'a wgpu::Buffer); N]) -> [Binding<'a>; N] {
+    buffers.map(|(name, buffer)| (name, buffer.as_entire_binding()))
+}

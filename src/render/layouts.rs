@@ -1,0 +1,603 @@
+//! Structs and constants that Rust and shaders share. `tests/layouts.rs` compares names, offsets, sizes and
+//! values with the shaders.
+
+use bytemuck::{Pod, Zeroable};
+
+macro_rules! layouts {
+    ($($(#[$doc:meta])* struct $name:ident in $shader:literal { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* })*) => {
+        $(
+            $(#[$doc])*
+            #[repr(C)]
+            #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+            #[allow(missing_docs, reason = "the shader's struct of the same name documents its fields")]
+            pub struct $name { $($(#[$field_doc])* pub $field: $type,)* }
+        )*
+
+        /// Returns for each struct its name, a shader module that holds it, its size, and its fields with
+        /// their offsets.
+        #[must_use]
+        pub fn all() -> Vec<(&'static str, &'static str, usize, Vec<(&'static str, usize)>)> {
+            vec![$((
+                stringify!($name),
+                $shader,
+                size_of::<$name>(),
+                vec![$((stringify!($field), std::mem::offset_of!($name, $field)),)*],
+            )),*]
+        }
+    };
+}
+
+layouts! {
+    /// Attributes of a vertex other than its position. Without textures the last two fields are absent.
+    struct Attributes in "shared/paths/connect" {
+        normal: [f32; 3],
+        color: u32,
+        tangent: [f32; 4],
+        uv: [f32; 4],
+    }
+
+    /// Corners and material of a triangle.
+    struct Triangle in "shared/paths/connect" {
+        vertices: [u32; 3],
+        material: u32,
+    }
+
+    /// A vertex in the rest pose.
+    struct RestVertex in "upload/deform" {
+        position: [f32; 3],
+        instance: u32,
+        normal: [f32; 3],
+        joints_begin: u32,
+        tangent: [f32; 4],
+        joints_end: u32,
+        morph: u32,
+        pad: [u32; 2],
+    }
+
+    /// The source of a posed vertex.
+    struct Origin in "upload/deform" {
+        corners: [u32; 3],
+        source: u32,
+    }
+
+    /// An instance in its pose.
+    struct PosedInstance in "upload/deform" {
+        world_from_local: [[f32; 4]; 3],
+        matrices: u32,
+        weights: u32,
+        targets: u32,
+        vertices: u32,
+    }
+
+    /// A joint that influences a vertex.
+    struct Joint in "upload/deform" {
+        index: u32,
+        weight: f32,
+    }
+
+    /// The offsets that a morph target adds to a vertex.
+    struct MorphOffset in "upload/deform" {
+        position: [f32; 4],
+        normal: [f32; 4],
+        tangent: [f32; 4],
+    }
+
+    /// The source of a control vertex of a tessellated mesh.
+    struct ControlOrigin in "upload/controls" {
+        uv: [f32; 4],
+        source: u32,
+        place: u32,
+        members_begin: u32,
+        members_end: u32,
+        color: u32,
+        surface: u32,
+        pad: [u32; 2],
+    }
+
+    /// A posed control vertex; the host only needs its size.
+    struct Control in "upload/controls" {
+        place: [f32; 3],
+        surface: u32,
+        direction: [f32; 3],
+        color: u32,
+        normal: [f32; 3],
+        pad0: u32,
+        rest: [f32; 3],
+        pad1: u32,
+        tangent: [f32; 4],
+        uv: [f32; 4],
+    }
+
+    /// A new vertex of a tessellated mesh, as a blend of control vertices.
+    struct Blend in "upload/tessellate" {
+        corners: [u32; 3],
+        y: f32,
+        heights: [u32; 3],
+        z: f32,
+    }
+
+    /// The range of new vertices of tessellated meshes.
+    struct NewVertices in "upload/tessellate" {
+        first: u32,
+        count: u32,
+        pad0: u32,
+        pad1: u32,
+    }
+
+    /// The tessellation and displacement of a surface.
+    struct Refinement in "upload/tessellate" {
+        drift: [f32; 3],
+        kind: u32,
+        shape: f32,
+        scale: f32,
+        bias: f32,
+        frequency: f32,
+        first: u32,
+        count: u32,
+        seed: u32,
+        uv_set: u32,
+        size: [i32; 2],
+        wrap: [u32; 2],
+    }
+
+    /// A wave that displaces a surface.
+    struct Wave in "upload/tessellate" {
+        cycles: [f32; 3],
+        amplitude: f32,
+        phase: f32,
+        pad0: f32,
+        pad1: f32,
+        pad2: f32,
+    }
+
+    /// A material.
+    struct Material in "shared/paths/connect" {
+        base: [f32; 3],
+        model: u32,
+        specular: [f32; 3],
+        flags: u32,
+        eta: [f32; 3],
+        roughness: f32,
+        k: [f32; 3],
+        metallic: f32,
+        emission: [f32; 3],
+        specular_factor: f32,
+        normal_scale: f32,
+        mask_value: f32,
+        mask_cutoff: f32,
+        base_texture: u32,
+        roughness_texture: u32,
+        metallic_texture: u32,
+        specular_texture: u32,
+        specular_factor_texture: u32,
+        emission_texture: u32,
+        normal_texture: u32,
+        mask_texture: u32,
+        transmission_texture: u32,
+        absorption: [f32; 3],
+        transmission: f32,
+    }
+
+    /// One use of a texture by a material.
+    struct TextureUse in "shared/paths/connect" {
+        row_u: [f32; 3],
+        layer: u32,
+        row_v: [f32; 3],
+        flags: u32,
+        origin: [f32; 2],
+        size: [f32; 2],
+    }
+
+    /// The projection of a view.
+    struct View in "shared/views/view_setup" {
+        origin: [f32; 3],
+        kind: u32,
+        right: [f32; 3],
+        exclude: u32,
+        up: [f32; 3],
+        scale: f32,
+        forward: [f32; 3],
+        resolution: u32,
+        normal: [f32; 3],
+        slabs: u32,
+    }
+
+    /// The uniform that the passes of an iteration share.
+    struct FrameUniform in "shared/paths/connect" {
+        clip_from_world: [[f32; 4]; 4],
+        camera_position: [f32; 3],
+        orthographic: u32,
+        camera_right: [f32; 3],
+        width: u32,
+        camera_up: [f32; 3],
+        height: u32,
+        camera_forward: [f32; 3],
+        samples: f32,
+        jitter: [f32; 2],
+        y1_random: [f32; 2],
+        y2_random: [f32; 2],
+        beta: f32,
+        iteration: u32,
+        noise: u32,
+        columns: u32,
+        first: [u32; 2],
+        rows: u32,
+        stride: u32,
+        scale: u32,
+        layers: u32,
+    }
+
+    /// A strategy's constants.
+    struct Strategy in "shared/paths/connect" {
+        sample_counts: [f32; 4],
+        s: u32,
+        j: u32,
+        clamp_distance: f32,
+        clear: u32,
+    }
+
+    /// Requests and capacities of a view.
+    struct ListRequest in "shared/film/accumulate" {
+        items: u32,
+        nodes: u32,
+        item_capacity: u32,
+        node_capacity: u32,
+    }
+
+    /// The uniform that the passes over paths share.
+    struct Paths in "subpaths/eye_paths" {
+        seed: u32,
+        number: u32,
+        first: u32,
+        count: u32,
+        bounces: u32,
+        lens_radius: f32,
+        focus: f32,
+        only_s: u32,
+        only_t: u32,
+        unweighted: u32,
+        splat_scale: f32,
+        tree_lights: u32,
+        tree_share: f32,
+        biased_reuse: u32,
+        memory: f32,
+    }
+
+    /// Constants of all lights.
+    struct Lighting in "subpaths/eye_paths" {
+        environment_from_world: [[f32; 4]; 3],
+        environment: [f32; 3],
+        environment_rows_at_poles: u32,
+        center: [f32; 3],
+        radius: f32,
+        half_extent: [f32; 3],
+        light_count: u32,
+        environment_probability: f32,
+        environment_integral: f32,
+        environment_bands: u32,
+        environment_columns: u32,
+    }
+
+    /// A light of the light table.
+    struct LightRecord in "subpaths/eye_paths" {
+        position: [f32; 3],
+        kind: u32,
+        direction: [f32; 3],
+        probability: f32,
+        intensity: [f32; 3],
+        triangle: u32,
+        inner_versine: f32,
+        outer_versine: f32,
+        falloff: u32,
+        trail: u32,
+        right: [f32; 3],
+        radius: f32,
+    }
+
+    /// A node of the light tree.
+    struct LightNode in "subpaths/eye_paths" {
+        center: [f32; 3],
+        radius2: f32,
+        strength: f32,
+        child: u32,
+        axis: u32,
+        cosines: u32,
+    }
+
+    /// A vertex of a light subpath of `bdpt`; the host only needs its size.
+    struct PathVertex in "subpaths/light_paths" {
+        throughput: [f32; 3],
+        triangle: u32,
+        wi: [f32; 3],
+        p: f32,
+        barycentric: [f32; 2],
+        d: f32,
+        c: f32,
+    }
+
+    /// The first hit of a pixel's path; the host only needs its size.
+    struct FirstHit in "subpaths/reservoirs" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        distance: f32,
+        pad: f32,
+    }
+
+    /// A reservoir with a resampled light sample; the host only needs its size.
+    struct Reservoir in "subpaths/reservoirs" {
+        light: u32,
+        confidence: f32,
+        u: [f32; 2],
+        weight: f32,
+        target_pdf: f32,
+        pad0: f32,
+        pad1: f32,
+    }
+
+    /// The light of a light point, and the random numbers of its position.
+    struct LightStart in "shared/light/light_point" {
+        random: [f32; 2],
+        light: u32,
+        pad: u32,
+    }
+
+    /// A point on a light, at which a light subpath starts.
+    struct LightPoint in "shared/light/light_point" {
+        position: [f32; 3],
+        kind: u32,
+        direction: [f32; 3],
+        triangle: u32,
+        value: [f32; 3],
+        p: f32,
+        index: u32,
+        traits: u32,
+        inner_versine: f32,
+        outer_versine: f32,
+    }
+
+    /// A vertex of the light subpath; the host only needs its size.
+    struct LightVertex in "shared/paths/connect" {
+        position: [f32; 3],
+        triangle: u32,
+        ng: [f32; 3],
+        pdf_a: f32,
+        throughput: [f32; 3],
+        r1: f32,
+        wi: [f32; 3],
+        pdf_a_from_w: f32,
+        bsdf: [[f32; 4]; 5],
+        q0: f32,
+        pad0: f32,
+        pad1: f32,
+        pad2: f32,
+    }
+
+    /// A vertex of an eye subpath; the host only needs its size.
+    struct EyeVertex in "shared/paths/connect" {
+        position: [f32; 3],
+        triangle: u32,
+        throughput: [f32; 3],
+        pdf_a_forward: f32,
+        wo: [f32; 3],
+        pdf_a_from_w: f32,
+        pdf_a_from_w_prev: f32,
+        pdf_a_forward_prev: f32,
+        barycentric: [f32; 2],
+    }
+
+    /// The light candidate that a pixel selected.
+    struct SelectedLight in "shared/light/light_candidates" {
+        value: [f32; 3],
+        light_point: u32,
+    }
+
+    /// The eye vertex z1 of a pixel and its reservoir; the host only needs its size.
+    struct PixelReservoir in "shared/light/light_reservoirs" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        light_point: u32,
+        weight: f32,
+    }
+
+    /// Constants of the reuse of reservoirs.
+    struct Reuse in "shared/light/light_reservoirs" {
+        has_past: u32,
+        biased: u32,
+    }
+
+    /// The surface that a pixel sees, as the filters compare it.
+    struct Guide in "denoise/temporal" {
+        position: [f32; 3],
+        triangle: u32,
+        normal: [f32; 3],
+        pad: u32,
+        reflectance: [u32; 2],
+        pad2: [u32; 2],
+    }
+
+    /// The uniform that the passes of the denoiser share.
+    struct DenoiseUniform in "denoise/temporal" {
+        clip_before: [[f32; 4]; 4],
+        camera_position: [f32; 3],
+        footprint: f32,
+        jitter_shift: [f32; 2],
+        image: [u32; 2],
+        layer: [u32; 2],
+        repeated: [u32; 2],
+        scale: u32,
+        side: u32,
+        orthographic: u32,
+        has_before: u32,
+        still: u32,
+        moved: u32,
+        repeats: u32,
+        history: f32,
+        odd: u32,
+        averages: f32,
+        frames: f32,
+        clamped_alpha: f32,
+    }
+
+    /// The BSDF of a pixel's eye vertex. Without glossy materials the last two fields are absent. The host
+    /// only needs its size.
+    struct Shading in "shared/paths/connect" {
+        ng: [f32; 3],
+        material: u32,
+        ns: [f32; 3],
+        alpha: f32,
+        diffuse: [f32; 3],
+        metallic: f32,
+        specular: [f32; 3],
+        f90: f32,
+    }
+}
+
+impl Attributes {
+    /// Returns the bytes per vertex.
+    #[must_use]
+    pub fn bytes(textured: bool) -> usize {
+        if textured { size_of::<Self>() } else { std::mem::offset_of!(Self, tangent) }
+    }
+}
+
+impl EyeVertex {
+    /// Returns the bytes per pixel. With `demodulated` a vertex holds the part of the throughput that the
+    /// diffuse base of z1 contributes.
+    #[must_use]
+    pub fn bytes(demodulated: bool) -> u64 {
+        (size_of::<Self>() + if demodulated { 16 } else { 0 }) as u64
+    }
+}
+
+impl SelectedLight {
+    /// Returns the bytes per pixel. With `demodulated` a selection holds the part that the diffuse base of z1
+    /// contributes, with `reuse` the data of the pixels that could have selected the same light point.
+    #[must_use]
+    pub fn bytes(demodulated: bool, reuse: bool) -> u64 {
+        (size_of::<Self>() + if demodulated { 16 } else { 0 } + if reuse { 48 } else { 0 }) as u64
+    }
+}
+
+impl Shading {
+    /// Returns the bytes per pixel.
+    #[must_use]
+    pub fn bytes(glossy: bool) -> u64 {
+        (if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) }) as u64
+    }
+}
+
+macro_rules! constants {
+    ($($(#[$doc:meta])* mod $group:ident in $file:literal { $($name:ident = $value:expr,)* })*) => {
+        $(
+            $(#[$doc])*
+            #[allow(missing_docs, reason = "the shader's constant of the same name documents it")]
+            pub mod $group { $(pub const $name: u32 = $value;)* }
+        )*
+
+        /// Returns for each constant the shader file that also declares it, its name and its value.
+        #[must_use]
+        pub fn constants() -> Vec<(&'static str, &'static str, u32)> {
+            vec![$($(($file, stringify!($name), $group::$name),)*)*]
+        }
+    };
+}
+
+constants! {
+    /// Bits of [`Material::flags`].
+    mod material_flags in "lib/scene/scene" {
+        TWO_SIDED = 1,
+        EMITS_TWO_SIDED = 2,
+        CULLED = 4,
+        MASKED = 8,
+        NONLINEAR = 16,
+        FRESNEL_NONE = 32,
+        SHEET = 64,
+        TRANSMITS = 128,
+    }
+
+    /// Values of [`Material::model`].
+    mod bsdf_model in "lib/scene/scene" {
+        DIFFUSE = 0,
+        METALLIC_ROUGHNESS = 1,
+        CONDUCTOR = 2,
+        PLASTIC = 3,
+        DIELECTRIC = 4,
+    }
+
+    /// An index that refers to nothing.
+    mod index in "lib/scene/scene" {
+        NONE = u32::MAX,
+    }
+
+    /// Bits of [`TextureUse::flags`] beside the wrap modes, and the place of a slot's channel.
+    mod texture_flags in "lib/surface/texture" {
+        LINEAR = 16,
+        SRGB = 32,
+        SECOND_UV = 64,
+        CHANNEL_SHIFT = 24,
+    }
+
+    /// Values of [`View::kind`]. Views of kind `EMPTY` have no triangles.
+    mod view_kind in "lib/views/view" {
+        PERSPECTIVE = 0,
+        PARALLEL = 1,
+        EMPTY = 2,
+    }
+
+    /// Values of [`LightRecord::kind`].
+    mod light_kind in "lib/lights/light" {
+        POINT = 0,
+        SPOT = 1,
+        DIRECTIONAL = 2,
+        AREA = 4,
+        SKY = 5,
+    }
+
+    /// Bits of [`LightNode::child`].
+    mod light_node in "lib/lights/light_tree" {
+        LEAF = 1 << 31,
+        MIRRORED = 1 << 30,
+        LINK = (1 << 30) - 1,
+    }
+
+    /// Cells along a side of the table of the reflective shadow map.
+    mod rsm_size in "lib/lights/rsm" {
+        RSM_SIDE = 32,
+    }
+
+    /// Cells of the table of bundle directions.
+    mod bundle_size in "lib/views/bundle" {
+        BUNDLE_ROWS = 128,
+        BUNDLE_COLUMNS = 256,
+    }
+
+    /// Pixels along a side of a tile that may converge.
+    mod tile in "lib/pixels/converged" {
+        TILE_SIDE = 16,
+    }
+
+    /// Layers that a region writes: light that bypasses the filter, and light that does not.
+    mod layer in "shared/film/accumulate" {
+        CLEAR = 1,
+        INDIRECT = 2,
+    }
+
+    /// Values of [`Refinement::kind`] beside 0, no displacement.
+    mod height_kind in "lib/scene/refinement" {
+        HEIGHT_OF_MAP = 1,
+        HEIGHT_OF_NOISE = 2,
+        HEIGHT_OF_WAVES = 3,
+    }
+
+    /// [`Paths::only_s`] if all strategies count.
+    mod strategy in "lib/paths/paths" {
+        ANY = u32::MAX,
+    }
+
+    /// Groups in which the pixel rows of a workgroup of pass extend are interleaved.
+    mod extend in "shared/paths/extend" {
+        SWIZZLE = 8,
+    }
+}

@@ -1,0 +1,6 @@
+//! Sampling of lights and of bundle directions: the light table, the light tree, and densities over the
+//! sphere.
+
+pub mod bundle_directions;
+pub mod table;
+pub mod tree;

@@ -1,0 +1,271 @@
+//! The trait of all renderers on the GPU, their errors and statistics, and helpers that they share.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use glam::Vec3;
+
+use crate::film::{self, Film};
+use crate::gpu::{Gpu, GpuError, PassTime, read_back};
+use crate::render::adaptive_sampling::ConvergedTiles;
+use crate::render::convergence::BiasFilms;
+use crate::scene::{Camera, Scene};
+use crate::settings::{OnlyStrategy, Settings};
+
+/// Seconds that a batch should take: a render can be stopped between two batches.
+const BATCH_SECONDS: f64 = 0.5;
+
+/// Chooses the size of the next batch from the time that the last one took.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BatchSize {
+    samples: u64,
+    seconds: f64,
+}
+
+impl BatchSize {
+    /// Returns the samples that take half a second at the rate of the last batch: at least 1, at most `most`
+    /// and twice the last batch.
+    #[must_use]
+    pub fn next(&self, most: u64) -> u64 {
+        let fit = BATCH_SECONDS * self.samples as f64 / self.seconds.max(1e-9);
+        (fit as u64).clamp(1, 2 * self.samples.max(1)).min(most)
+    }
+
+    /// Records a batch.
+    pub fn record(&mut self, samples: u64, time: Duration) {
+        (self.samples, self.seconds) = (samples, time.as_secs_f64());
+    }
+}
+
+/// The reasons for which a picture cannot be rendered.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The device fails, or lacks what the method needs.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The scene or the device does not support a setting.
+    #[error("{0}")]
+    Setting(String),
+}
+
+impl RenderError {
+    /// Returns the error of a renderer that makes one picture only.
+    fn one_picture() -> Self {
+        Self::Setting("this renderer makes one picture; open another renderer".to_owned())
+    }
+
+    /// Returns the error of methods of the device when `reference` is asked for.
+    pub(crate) fn on_cpu() -> Self {
+        Self::Setting("--method reference renders on the CPU, without a device and without a plan".to_owned())
+    }
+}
+
+/// The largest requests of a view in an iteration.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct ViewRequests {
+    /// Name of the view.
+    pub view: String,
+    /// Texels along a side.
+    pub resolution: u32,
+    /// Draw items.
+    pub items: u32,
+    /// List nodes.
+    pub nodes: u32,
+}
+
+/// Counts and times of a render.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct RenderStats {
+    /// Iterations or samples per pixel in the picture.
+    pub samples: u64,
+    /// Values that were not finite.
+    pub non_finite: u64,
+    /// Nodes missing from the picture; always 0, since iterations that lose any are redone.
+    pub lost_nodes: u64,
+    /// Iterations that were redone with more capacity.
+    pub redone: u64,
+    /// Bytes on the device beside the scene.
+    pub bytes: u64,
+    /// Bytes of the scene on the device.
+    pub scene_bytes: u64,
+    /// The largest requests of each view.
+    pub requests: Vec<ViewRequests>,
+    /// Device time and runs per pass.
+    pub passes: BTreeMap<&'static str, PassTime>,
+}
+
+/// Renders a picture progressively. Renderers of [`super::open`] have every method; one that is made for a
+/// single picture, such as the command line's of the CPU reference, may leave out those that begin another
+/// one.
+pub trait Renderer {
+    /// Adds samples to the picture, in batches. `progress` is called with the number of samples so far after
+    /// each batch, and stops the render by returning false.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device reports an error or cannot hold the lists that the scene needs.
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
+
+    /// Begins a new picture with another seed; no tile of it has converged.
+    fn restart(&mut self, seed: u32);
+
+    /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would
+    /// make. Pipelines and buffers are kept if the plan, the materials and the numbers of triangles, vertices
+    /// and lights are the same.
+    ///
+    /// # Errors
+    /// As [`super::open`].
+    fn pose(&mut self, _scene: &Scene) -> Result<(), RenderError> {
+        Err(RenderError::one_picture())
+    }
+
+    /// Begins a picture of the same scene with another camera: the one that a new renderer would make.
+    /// Nothing is built or uploaded.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    fn set_camera(&mut self, _camera: &Camera) -> Result<(), RenderError> {
+        Err(RenderError::one_picture())
+    }
+
+    /// Begins a picture in which one strategy counts, or all.
+    ///
+    /// # Errors
+    /// As [`super::open`].
+    fn set_only(&mut self, _only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+        Err(RenderError::one_picture())
+    }
+
+    /// Sets the tiles that take no more samples, row by row: one for each square of
+    /// [`TILE`](super::adaptive_sampling::TILE) pixels along a side, smaller at the right and bottom borders.
+    /// These tiles keep their picture; the others take the same samples as without converged tiles.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] for another number of tiles, and if [`Self::is_adaptive`] is false.
+    fn mark_converged(&mut self, tiles: &[bool]) -> Result<(), RenderError>;
+
+    /// True if tiles may converge one by one, which requires that frames are not denoised.
+    #[must_use]
+    fn is_adaptive(&self) -> bool;
+
+    /// Reads the picture so far: the mean of each pixel's samples, or the denoised frames.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    fn film(&self) -> Result<Film, RenderError>;
+
+    /// Reads the picture unfiltered, and filtered twice, if frames are filtered and the settings have a
+    /// target error.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(None)
+    }
+
+    /// Reads the positions of the last iteration's VPLs, world space; none if pixels do not share any.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        Ok(Vec::new())
+    }
+
+    /// Returns the iterations or samples per pixel in the picture.
+    #[must_use]
+    fn samples(&self) -> u64;
+
+    /// Returns the counts and times so far.
+    #[must_use]
+    fn stats(&self) -> RenderStats;
+
+    /// Returns the plan as `lightsheaf plan` prints it.
+    #[must_use]
+    fn plan_text(&self) -> String {
+        String::new()
+    }
+
+    /// Returns the plan as JSON.
+    #[must_use]
+    fn plan_json(&self) -> serde_json::Value {
+        serde_json::Value::Null
+    }
+
+    /// Warnings of the scene as it is rendered: one sentence for each unsupported, repaired or omitted thing.
+    #[must_use]
+    fn warnings(&self) -> &[String] {
+        &[]
+    }
+}
+
+/// Returns the camera that the settings select.
+pub(crate) fn camera_of(scene: &Scene, settings: &Settings) -> Result<Camera, RenderError> {
+    let Some(camera) = scene.cameras.get(settings.camera) else {
+        let count = scene.cameras.len();
+        return Err(RenderError::Setting(format!("there is no camera {}; the scene has {count}", settings.camera)));
+    };
+    Ok(camera.clone())
+}
+
+/// Checks that the device can hold the image, of at most `most` pixels.
+pub(crate) fn check_size(gpu: &Gpu, settings: &Settings, most: u64) -> Result<(), RenderError> {
+    let Settings { width, height, .. } = *settings;
+    let side = gpu.capabilities.max_texture_side;
+    let fits = width.max(height) <= side && u64::from(width) * u64::from(height) <= most;
+    if width == 0 || height == 0 || !fits {
+        let pixels = if most == u64::MAX { String::new() } else { format!(", pixels up to {most}") };
+        return Err(RenderError::Setting(format!(
+            "an image of {width}x{height} does not fit this device: sides go up to {side}{pixels}; choose a smaller --size"
+        )));
+    }
+    Ok(())
+}
+
+/// Sets a film to zero.
+pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.clear_buffer(film, 0, None);
+    gpu.queue.submit([encoder.finish()]);
+}
+
+/// Reads a film and divides its compensated sums by `samples`, or by the samples of the pixel's tile. The
+/// film may consist of several buffers, one after the other.
+pub(crate) fn read_film<'a>(
+    gpu: &Gpu,
+    films: impl Iterator<Item = &'a wgpu::Buffer>,
+    settings: &Settings,
+    samples: u64,
+    converged: Option<&ConvergedTiles>,
+) -> Result<Film, RenderError> {
+    let mut sums: Vec<[[f32; 3]; 2]> = Vec::new();
+    for film in films {
+        sums.extend(read_back::<[[f32; 3]; 2]>(gpu, film, (film.size() / film::DEVICE_BYTES) as usize)?);
+    }
+    let pixel = |(pixel, [sum, lost]): (usize, &[[f32; 3]; 2])| {
+        let count = converged.map_or(samples, |converged| converged.taken(pixel, settings.width, samples)).max(1);
+        [0, 1, 2].map(|c| ((f64::from(sum[c]) - f64::from(lost[c])) / count as f64) as f32)
+    };
+    Ok(Film { width: settings.width, height: settings.height, pixels: sums.iter().enumerate().map(pixel).collect() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn batches_take_half_a_second() {
+        let mut size = BatchSize::default();
+        assert_eq!(size.next(8), 1, "the first batch has one sample");
+        for (samples, millis, most, next) in [
+            (1, 10, 8, 2),
+            (2, 20, 8, 4),
+            (8, 80, 8, 8),
+            (8, 80, 3, 3),
+            (8, 2000, 8, 2),
+            (2, 9000, 8, 1),
+            (64, 0, 999, 128),
+        ] {
+            size.record(samples, Duration::from_millis(millis));
+            assert_eq!(size.next(most), next, "{samples} samples in {millis} ms");
+        }
+    }
+}

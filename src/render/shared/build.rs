@@ -1,0 +1,234 @@
+//! Builds the passes and buffers of a plan.
+
+use crate::gpu::{Flag, Gpu};
+use crate::render::denoise::Denoiser;
+use crate::render::layouts::{self, FrameUniform};
+use crate::render::lights::bundle_directions::BundleDirections;
+use crate::render::shared::film_buffer::PixelBuffers;
+use crate::render::shared::frame::Frame;
+use crate::render::shared::passes::camera::eye_vertices::EyeVertices;
+use crate::render::shared::passes::camera::gbuffer::GBuffer;
+use crate::render::shared::passes::film::accumulate::Accumulate;
+use crate::render::shared::passes::light::light_candidates::LightCandidates;
+use crate::render::shared::passes::light::light_point::LightPoint;
+use crate::render::shared::passes::light::light_reservoirs::LightReservoirs;
+use crate::render::shared::passes::light::light_subpath::LightSubpath;
+use crate::render::shared::passes::light::rsm::Rsm;
+use crate::render::shared::passes::paths::connect::Connect;
+use crate::render::shared::passes::paths::extend::Extend;
+use crate::render::shared::passes::views::list_lengths::ListLengths;
+use crate::render::shared::plan::FramePlan;
+use crate::render::shared::plan::strategies::{Connection, Extension};
+use crate::render::shared::views::Views;
+use crate::render::upload::gpu_scene::GpuScene;
+use crate::settings::{RestirBias, Settings};
+
+/// A connection with its constants for each light point. Direct light from candidates has no pass of its own.
+pub struct ConnectionPass {
+    /// The strategy.
+    pub connection: Connection,
+    /// Constants of the strategy for each light point.
+    pub strategies: Vec<wgpu::Buffer>,
+    /// The pass.
+    pub pass: Option<Connect>,
+}
+
+/// The passes of an iteration; None where the plan skips one.
+pub struct Passes {
+    /// y0 and the other light points.
+    pub light_point: Option<LightPoint>,
+    /// The reflective shadow map of y0.
+    pub rsm: Option<Rsm>,
+    /// y1 and y2.
+    pub light_subpath: Option<LightSubpath>,
+    /// Triangles that pixels see.
+    pub gbuffer: GBuffer,
+    /// z1.
+    pub eye_vertices: EyeVertices,
+    /// Connections in the plan's order.
+    pub connections: Vec<ConnectionPass>,
+    /// Direct light from candidates.
+    pub light_candidates: Option<LightCandidates>,
+    /// Reuse of the last iteration's candidates.
+    pub light_reservoirs: Option<LightReservoirs>,
+    /// Extensions in the plan's order, each with its constants.
+    pub extensions: Vec<(wgpu::Buffer, Extend)>,
+    /// List lengths in place of light.
+    pub list_lengths: Option<ListLengths>,
+    /// The film.
+    pub accumulate: Accumulate,
+}
+
+/// Flags by purpose.
+struct FlagSets {
+    /// Surfaces, layers and the distribution of bundles.
+    base: Vec<Flag>,
+    /// The data structure that answers visibility.
+    visibility: &'static [Flag],
+    /// Views of lights at infinity.
+    infinite: &'static [Flag],
+    /// Bundles with projected triangles.
+    projected: &'static [Flag],
+    /// The reflective shadow map.
+    rsm: &'static [Flag],
+    /// Emission from y0: punctual lights and their patterns.
+    emission: Vec<Flag>,
+}
+
+impl FlagSets {
+    fn new(plan: &FramePlan, sky_bundles: bool) -> Self {
+        let bundles: &[Flag] = if sky_bundles { &[Flag::SkyBundles] } else { &[] };
+        let emission = plan.light_flags.iter().filter(|flag| matches!(flag, Flag::Punctual | Flag::Patterns));
+        Self {
+            base: [plan.surface_flags.as_slice(), bundles, plan.layer_flags()].concat(),
+            visibility: match (plan.rays, plan.fast) {
+                (true, _) => &[Flag::RayQuery],
+                (false, true) => &[Flag::Fast],
+                (false, false) => &[],
+            },
+            infinite: if plan.light_extents.infinite && !plan.rays { &[Flag::Infinite] } else { &[] },
+            projected: if plan.rays { &[] } else { &[Flag::Projected] },
+            rsm: if plan.rsm { &[Flag::Rsm] } else { &[] },
+            emission: emission.copied().collect(),
+        }
+    }
+
+    /// Returns the base flags and more.
+    fn with(&self, more: &[&[Flag]]) -> Vec<Flag> {
+        [self.base.clone(), more.concat()].concat()
+    }
+}
+
+impl Frame {
+    /// Builds the passes and allocates the buffers of a plan.
+    #[must_use]
+    pub fn new(
+        gpu: &Gpu,
+        scene: &GpuScene,
+        plan: &FramePlan,
+        settings: &Settings,
+        directions: Option<BundleDirections>,
+    ) -> Self {
+        let views = Views::new(gpu, u64::from(scene.triangles), plan);
+        let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
+        Self {
+            passes: Passes::new(gpu, scene, plan, settings, directions.is_some()),
+            pixels: PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs, plan.adaptive),
+            denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.clamp_samples)),
+            directions,
+            light_points: Vec::new(),
+            rsm_of: None,
+            gbuffer_camera: None,
+            uniform: FrameUniform::default(),
+            light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
+            log: gpu.storage("log", 8 + 8 * views.slots() as u64),
+            views,
+            plan: plan.clone(),
+        }
+    }
+
+    /// Returns the bytes of all buffers and targets of the frame.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let Passes { gbuffer, light_candidates, light_reservoirs, .. } = &self.passes;
+        self.pixels.bytes()
+            + self.denoiser.as_ref().map_or(0, Denoiser::bytes)
+            + gbuffer.bytes()
+            + self.views.bytes()
+            + light_candidates.as_ref().map_or(0, LightCandidates::bytes)
+            + light_reservoirs.as_ref().map_or(0, LightReservoirs::bytes)
+    }
+}
+
+impl Passes {
+    fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings, sky_bundles: bool) -> Self {
+        let flags = FlagSets::new(plan, sky_bundles);
+        let FlagSets { visibility, projected, rsm, emission, .. } = &flags;
+        let [width, height] = plan.grid.size;
+        let with = |more: &[&[Flag]]| flags.with(more);
+        let clamp_distance = settings.paper_clamp * 2.0 * scene.sphere().1;
+        let emitters: &[Flag] = if plan.camera_hits_emitters { &plan.light_flags } else { &[] };
+        let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
+        Self {
+            light_point: (plan.light_vertices > 0).then(|| {
+                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1);
+                LightPoint::new(gpu, &with(&[&plan.light_flags]), count, plan.light_resolution, one_by_one)
+            }),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, emission]))),
+            light_subpath: (plan.light_vertices > 1)
+                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, emission]))),
+            gbuffer: GBuffer::new(gpu, &plan.surface_flags, width, height),
+            eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags()])),
+            connections: plan.connections.iter().map(|c| connection(gpu, plan, &flags, c, clamp_distance)).collect(),
+            light_candidates,
+            light_reservoirs,
+            extensions: plan.extensions.iter().map(|e| extension(gpu, plan, &flags, e, clamp_distance)).collect(),
+            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[visibility, projected]))),
+            accumulate: Accumulate::new(gpu, &[plan.layer_flags(), plan.adaptive_flags()].concat()),
+        }
+    }
+}
+
+/// Uploads the constants of a strategy.
+fn strategy(gpu: &Gpu, constants: &layouts::Strategy) -> wgpu::Buffer {
+    let uniform = gpu.uniform::<layouts::Strategy>("strategy");
+    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(constants));
+    uniform
+}
+
+/// Builds the pass of a connection.
+fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, clamp_distance: f32) -> ConnectionPass {
+    let constants = layouts::Strategy {
+        sample_counts: c.samples.map(|n| n as f32),
+        s: c.s,
+        j: c.j,
+        clear: u32::from(plan.is_clear(c)),
+        clamp_distance,
+    };
+    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.emission, flags.infinite] } else { &[] };
+    let shader = flags.with(&[&[flags.visibility], from_y0].concat());
+    let from_candidates = plan.has_candidates() && c.is_direct();
+    ConnectionPass {
+        connection: *c,
+        strategies: (0..plan.points_connected(c)).map(|_| strategy(gpu, &constants)).collect(),
+        pass: (!from_candidates).then(|| Connect::new(gpu, &shader, c.s, c.clamped)),
+    }
+}
+
+/// Builds the pass of an extension.
+fn extension(
+    gpu: &Gpu,
+    plan: &FramePlan,
+    flags: &FlagSets,
+    e: &Extension,
+    clamp_distance: f32,
+) -> (wgpu::Buffer, Extend) {
+    let sample_counts = e.samples.map(|n| n as f32);
+    let constants = layouts::Strategy { sample_counts, s: 0, j: e.j, clear: 0, clamp_distance };
+    let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
+    let shader = flags.with(&[emitters, flags.visibility, flags.projected]);
+    (strategy(gpu, &constants), Extend::new(gpu, &shader, e.last))
+}
+
+/// Builds the passes of light candidates and of their reuse.
+fn candidate_passes(
+    gpu: &Gpu,
+    plan: &FramePlan,
+    flags: &FlagSets,
+) -> (Option<LightCandidates>, Option<LightReservoirs>) {
+    let FlagSets { visibility, infinite, emission, .. } = flags;
+    let reuse: &[Flag] = if plan.reuses() { &[Flag::Reuse] } else { &[] };
+    let candidates = plan.has_candidates().then(|| {
+        let select = flags.with(&[emission, reuse]);
+        let test = flags.with(&[visibility, infinite, reuse]);
+        let demodulated = plan.is_layered() && plan.glossy();
+        let bytes = plan.grid.largest() * layouts::SelectedLight::bytes(demodulated, plan.reuses());
+        LightCandidates::new(gpu, &select, &test, plan.candidate_views().len() as u32, bytes)
+    });
+    let reservoirs = plan.reuse.filter(|_| plan.reuses()).map(|bias| {
+        let pixels = plan.grid.size.iter().map(|&side| u64::from(side)).product();
+        let (select, test) = (flags.with(&[emission]), flags.with(&[visibility, infinite]));
+        LightReservoirs::new(gpu, &select, &test, plan.light_candidates, pixels, bias == RestirBias::Biased)
+    });
+    (candidates, reservoirs)
+}

@@ -1,0 +1,211 @@
+//! The method on one page: one iteration of bidirectional path tracing with shared subpaths, in order.
+//!
+//! One light subpath y0 y1 y2 and one direction per bounce serve every pixel, or, interleaved, every pixel of
+//! a class. Passes that the plan skips have no pipeline, no buffer and no call. [`super::build`] builds the
+//! passes, [`super::views`] holds the views, and [`super::growth`] redoes iterations whose lists overflowed.
+
+use std::f32::consts::TAU;
+
+use crate::gpu::Gpu;
+use crate::render::denoise::Denoiser;
+use crate::render::frame_uniform::frame_uniform;
+use crate::render::layouts::{self, FrameUniform};
+use crate::render::lights::bundle_directions::BundleDirections;
+use crate::render::lights::table::LightTable;
+use crate::render::recording::Recording;
+use crate::render::sampler::{Decision, Sampler, uniform_sphere};
+use crate::render::shared::build::Passes;
+use crate::render::shared::film_buffer::{Band, PixelBuffers};
+use crate::render::shared::passes::film::accumulate::AccumulateInputs;
+use crate::render::shared::plan::FramePlan;
+use crate::render::shared::plan::views::ViewRole;
+use crate::render::shared::views::Views;
+use crate::render::upload::gpu_scene::GpuScene;
+use crate::render::visibility::view::parallel;
+use crate::scene::Camera;
+use crate::settings::Settings;
+
+/// Passes and buffers of an iteration.
+pub struct Frame {
+    pub(super) plan: FramePlan,
+    pub(super) passes: Passes,
+    /// The views of the light subpath and of its bundles.
+    pub views: Views,
+    /// Bundle directions, if they are not uniform.
+    pub(super) directions: Option<BundleDirections>,
+    /// The light points of the current class: y0, then those of the other lights or candidates. Empty without
+    /// lights.
+    pub(super) light_points: Vec<layouts::LightStart>,
+    /// The light that the reflective shadow map was made for.
+    pub(super) rsm_of: Option<u32>,
+    /// Eye vertices, image and film.
+    pub pixels: PixelBuffers,
+    /// Turns layers into pictures, if iterations are denoised.
+    pub denoiser: Option<Denoiser>,
+    /// y1 and y2 of the last iteration.
+    pub light_vertices: wgpu::Buffer,
+    /// The camera that the G-buffer was made for.
+    pub(super) gbuffer_camera: Option<[[f32; 4]; 4]>,
+    /// The uniform of the last iteration.
+    pub(super) uniform: FrameUniform,
+    /// Counts of values that are not finite, bits of skipped iterations, then the requests of each slot.
+    pub log: wgpu::Buffer,
+}
+
+/// An iteration to record.
+#[derive(Clone, Copy)]
+pub struct Iteration<'a> {
+    /// The device.
+    pub gpu: &'a Gpu,
+    /// The scene on the device.
+    pub scene: &'a GpuScene,
+    /// The camera.
+    pub camera: &'a Camera,
+    /// The lights.
+    pub lights: &'a LightTable,
+    /// The settings.
+    pub settings: &'a Settings,
+    /// Its number, from 0.
+    pub number: u64,
+    /// Its number in the batch's log. None for an iteration that only restores history and is not
+    /// accumulated.
+    pub batch_index: Option<u32>,
+}
+
+impl Frame {
+    /// Records and submits one iteration.
+    pub fn iterate(&mut self, iteration: &Iteration) {
+        let &Iteration { gpu, scene, camera, settings, number, .. } = iteration;
+        self.swap_history(gpu, number > 0);
+        // All classes of pixels share the camera and the place within the pixel.
+        let of_camera = Sampler::new(settings.seed, number / self.plan.iterations_per_gbuffer(camera));
+        let batch_index = iteration.batch_index.unwrap_or(0);
+        let mut uniform = frame_uniform(scene, camera, settings, &of_camera, number, batch_index);
+        if let Some(denoiser) = &self.denoiser {
+            uniform.samples = denoiser.samples() / settings.clamp_samples;
+        }
+        for class in 0..self.plan.grid.subpaths() {
+            self.trace_class(iteration, class, &uniform);
+        }
+        if self.plan.grid.scale > 1 {
+            self.trace_clear_light(iteration, &uniform);
+        }
+        self.uniform = uniform;
+    }
+
+    /// Traces one light subpath and the eye subpaths of the pixels that share it.
+    fn trace_class(&mut self, iteration: &Iteration, class: u32, uniform: &FrameUniform) {
+        let sampler = Sampler::new(iteration.settings.seed, self.random_numbers_of(iteration.number, class));
+        let uniform = FrameUniform {
+            y1_random: sampler.get2(Decision::Y1),
+            y2_random: sampler.get2(Decision::Y2),
+            noise: sampler.bits(),
+            ..*uniform
+        };
+        let class = class as usize;
+        self.pixels.write_uniform(iteration.gpu, class, &uniform);
+        let mut recording = Recording::new(iteration.gpu, iteration.scene, "iteration");
+
+        // y0 and the other light points, y1 and y2, each with the map of everything that it sees (section
+        // 4.1).
+        self.sample_light_points(&mut recording, iteration.lights, &sampler);
+        self.trace_light_subpath(&mut recording, class);
+        // One ray-bundle per bounce, each in a direction of its own (section 3.2).
+        self.rasterize_bundles(&mut recording, &sampler);
+        // z1 of each pixel, then its path, band by band.
+        if class == 0 {
+            self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
+        }
+        for band in self.pixels.bands(class) {
+            self.trace_eye_subpaths(&mut recording, &band);
+            if iteration.batch_index.is_some() {
+                self.accumulate(&mut recording, &band);
+            }
+        }
+        recording.submit();
+    }
+
+    /// Rasterizes every triangle into a parallel view for each bounce.
+    fn rasterize_bundles(&self, recording: &mut Recording, sampler: &Sampler) {
+        for (n, view) in self.views.bundles() {
+            let numbers = sampler.get2(Decision::Bundle(n));
+            let forward = self.directions.as_ref().map_or_else(|| uniform_sphere(numbers), |d| d.draw(numbers));
+            let turn = TAU * sampler.get(Decision::Turn(n));
+            let shift = self.plan.fast.then(|| sampler.get2(Decision::Shift(n)));
+            let resolution = view.buffers.texels.resolution;
+            let bundle = parallel(forward, recording.scene.bounds, turn, shift, resolution);
+            view.buffers.write_view(recording.gpu, &bundle);
+            self.views.rasterize(recording, view.role);
+        }
+    }
+
+    /// Finds the triangle that each pixel sees, unless the G-buffer already holds it.
+    pub(super) fn rasterize_gbuffer(&mut self, recording: &mut Recording, camera: [[f32; 4]; 4]) {
+        if self.gbuffer_camera.replace(camera) != Some(camera) {
+            self.passes.gbuffer.record(recording, self.pixels.first(0).frame);
+        }
+    }
+
+    /// Traces z1, z2, ... of a band. Each z_j is connected with the light and its VPLs, (1, j + 1) to (3, j +
+    /// 1), then extended along bundle j, (0, j + 2).
+    fn trace_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
+        self.begin_eye_subpaths(recording, band);
+        if let Some(pass) = &self.passes.list_lengths {
+            return pass.record(recording, band, self.views.get(ViewRole::Bundle(0)));
+        }
+        for j in 1..=self.plan.bounces + 1 {
+            let connections = self.passes.connections.iter().filter(|c| c.connection.j == j);
+            for pass in connections.filter(|c| !self.plan.is_apart(&c.connection)) {
+                self.connect(recording, band, pass);
+            }
+            if let Some((strategy, pass)) = self.passes.extensions.get(j as usize - 1) {
+                pass.record(recording, band, strategy, self.views.get(ViewRole::Bundle(j - 1)));
+            }
+        }
+    }
+
+    /// Computes z1, and adds the emission that the camera sees: (0, 2).
+    pub(super) fn begin_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
+        let guides = self.denoiser.as_ref().map(|denoiser| denoiser.guides(band.region));
+        self.passes.eye_vertices.record(recording, band, &self.passes.gbuffer.triangles, guides);
+    }
+
+    /// Adds the light that needs no filter to every pixel of an image that is finer than its layers.
+    fn trace_clear_light(&self, iteration: &Iteration, uniform: &FrameUniform) {
+        let class = self.plan.grid.subpaths() as usize;
+        self.pixels.write_uniform(iteration.gpu, class, uniform);
+        let mut recording = Recording::new(iteration.gpu, iteration.scene, "clear light");
+        for band in self.pixels.bands(class) {
+            self.begin_eye_subpaths(&mut recording, &band);
+            for pass in self.passes.connections.iter().filter(|c| self.plan.is_apart(&c.connection)) {
+                self.connect(&mut recording, &band, pass);
+            }
+            self.accumulate(&mut recording, &band);
+        }
+        recording.submit();
+    }
+
+    /// Adds a band to the film or to the layers of the frame, unless a list overflowed.
+    fn accumulate(&self, recording: &mut Recording, band: &Band) {
+        let layers = self.denoiser.as_ref().map(|denoiser| denoiser.layers(band.region));
+        let layers = layers.as_ref().map_or(&[][..], |layers| layers);
+        let inputs = AccumulateInputs { requests: &self.views.requests, log: &self.log, layers };
+        self.passes.accumulate.record(recording, band, &inputs);
+    }
+
+    /// Returns the index of the random numbers of a class. Classes rotate, so that each pixel uses all
+    /// sequences over time.
+    fn random_numbers_of(&self, iteration: u64, class: u32) -> u64 {
+        let classes = u64::from(self.plan.grid.subpaths());
+        let repeats = self.denoiser.as_ref().and_then(Denoiser::repeated) == Some(class);
+        let iteration = if repeats { iteration.saturating_sub(1) } else { iteration };
+        iteration * classes + (u64::from(class) + iteration) % classes
+    }
+
+    /// Denoises the last iteration's layers to a picture, if iterations are denoised.
+    pub fn denoise(&mut self, gpu: &Gpu, scene: &GpuScene) {
+        if let Some(denoiser) = &mut self.denoiser {
+            denoiser.advance(gpu, scene, &self.uniform);
+        }
+    }
+}

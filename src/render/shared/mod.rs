@@ -1,0 +1,375 @@
+//! Renders a scene with the shared-subpath estimator: owns the frame, runs iterations in batches, and redoes
+//! iterations whose lists overflowed.
+
+pub mod build;
+mod direct_light;
+pub mod film_buffer;
+pub mod frame;
+pub mod growth;
+mod light_subpath;
+pub mod passes;
+pub mod plan;
+pub mod views;
+
+use std::time::Instant;
+
+use glam::Vec3;
+
+use crate::film::Film;
+use crate::gpu::{Gpu, read_back};
+use crate::render::adapt::{adapted, widened_lobes};
+use crate::render::adaptive_sampling;
+use crate::render::convergence::BiasFilms;
+use crate::render::layouts::{LightVertex, PixelReservoir};
+use crate::render::lights::bundle_directions::BundleDirections;
+use crate::render::lights::table::{Hittable, LightTable};
+use crate::render::renderer::{
+    BatchSize, RenderError, RenderStats, Renderer, ViewRequests, camera_of, check_size, clear, read_film,
+};
+use crate::render::shared::frame::{Frame, Iteration};
+use crate::render::shared::plan::FramePlan;
+use crate::render::shared::plan::views::PlannedView;
+use crate::render::upload::deformation::Deformer;
+use crate::render::upload::gpu_scene::GpuScene;
+use crate::scene::{Camera, Geometry, Scene, SceneStats};
+use crate::settings::{LightSampling, OnlyStrategy, Settings, Strategies};
+
+/// Most iterations of a batch; the log has 32 bits for them.
+const BATCH: u64 = 8;
+
+/// The data of a scene that is computed on the CPU.
+struct Prepared {
+    geometry: Geometry,
+    camera: Camera,
+    plan: FramePlan,
+    lights: LightTable,
+    stats: SceneStats,
+}
+
+impl Prepared {
+    /// Prepares a scene. `forced` replaces the statistics of the scene.
+    fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        geometry: Geometry,
+        settings: &Settings,
+        forced: Option<SceneStats>,
+    ) -> Result<Self, RenderError> {
+        let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
+        let camera = camera_of(scene, settings)?;
+        let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
+        let most = gpu.capabilities.max_storage_bytes;
+        let reservoir = size_of::<PixelReservoir>() as u64;
+        check_size(gpu, settings, if plan.reuses() { most / reservoir } else { u64::MAX })?;
+        let table =
+            LightTable::new(scene, &geometry, if plan.starts_from_emitters { Hittable::All } else { Hittable::Never });
+        let uniform = settings.light_sampling == Some(LightSampling::Uniform);
+        let lights = if uniform { table.uniform_selection() } else { table };
+        Ok(Self { geometry, camera, plan, lights, stats })
+    }
+}
+
+/// Lists that were too short in a batch.
+struct Overflow {
+    /// Draw items and list nodes that each view requested.
+    requests: Vec<[u32; 2]>,
+    /// A bit for each iteration of the batch that was skipped.
+    skipped: u32,
+}
+
+/// A renderer of light subpaths that pixels share.
+pub struct SharedRenderer<'gpu> {
+    gpu: &'gpu Gpu,
+    scene: GpuScene,
+    lights: LightTable,
+    /// The lights with probabilities by power alone, if lights are chosen for the view.
+    by_power: Option<LightTable>,
+    camera: Camera,
+    settings: Settings,
+    plan: FramePlan,
+    frame: Frame,
+    deformer: Deformer,
+    samples: u64,
+    batch_size: BatchSize,
+    stats: RenderStats,
+    /// The statistics that the plan follows from.
+    scene_stats: SceneStats,
+    warnings: Vec<String>,
+}
+
+impl<'gpu> SharedRenderer<'gpu> {
+    /// Uploads the scene, and builds the passes and buffers of its plan.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] if a value is out of range, the device cannot hold the image, or the camera
+    /// does not exist; [`RenderError::Gpu`] if the device fails.
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::of(gpu, scene, settings, None)
+    }
+
+    /// As [`Self::new`] with other statistics than those of the scene: features that the statistics list have
+    /// their passes, code and buffers even if the scene lacks them. Tests measure the gain of skipping
+    /// against such a renderer.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn forced(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, facts: SceneStats) -> Result<Self, RenderError> {
+        Self::of(gpu, scene, settings, Some(facts))
+    }
+
+    fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
+        let scene = &*adapted(scene, settings)?;
+        let (geometry, sources) = Geometry::with_sources(scene);
+        let Prepared { geometry, camera, plan, lights, stats } = Prepared::new(gpu, scene, geometry, settings, forced)?;
+        let flags = [plan.surface_flags.as_slice(), &plan.light_flags].concat();
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights, &flags)?;
+        let mut deformer = Deformer::default();
+        deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
+        if plan.rays {
+            gpu_scene.accelerate(gpu, scene, &geometry)?;
+        }
+        deformer.keep(geometry, sources);
+        let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
+        let directions = environment.and_then(BundleDirections::new);
+        let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
+        let mut this = Self {
+            gpu,
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + deformer.bytes(), ..Default::default() },
+            scene: gpu_scene,
+            by_power: plan.lights_for_view.then(|| lights.clone()),
+            lights,
+            camera,
+            settings: settings.clone(),
+            plan,
+            frame,
+            deformer,
+            samples: 0,
+            batch_size: BatchSize::default(),
+            scene_stats: stats,
+            warnings: scene.warnings.iter().cloned().chain(widened_lobes(scene, settings)).collect(),
+        };
+        this.choose_lights_for_view()?;
+        gpu.check()?;
+        Ok(this)
+    }
+
+    /// Begins a picture of a new pose or camera. A denoised picture keeps the history of the last one.
+    fn begin(&mut self) -> Result<(), RenderError> {
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
+        if self.frame.denoiser.is_none() {
+            self.restart(self.settings.seed);
+        }
+        self.choose_lights_for_view()?;
+        Ok(self.gpu.check()?)
+    }
+
+    /// Sets the probabilities of lights by their unoccluded contribution to the view, if planned.
+    fn choose_lights_for_view(&mut self) -> Result<(), RenderError> {
+        if self.by_power.is_none() {
+            return Ok(());
+        }
+        let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
+        let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
+        let importance = frame.light_importance(&iteration)?;
+        self.lights.mix_importance(&importance);
+        self.scene.relight(self.gpu, &self.lights);
+        // Cached light points hold the probabilities of the view before.
+        self.frame.invalidate_maps();
+        Ok(())
+    }
+
+    /// Returns the plan of an iteration.
+    #[must_use]
+    pub fn plan(&self) -> &FramePlan {
+        &self.plan
+    }
+
+    /// Runs iterations until all of them are in the film, in this order. After an overflow the later
+    /// iterations are skipped and redone too, so that sums round alike for any size of batches.
+    fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
+        loop {
+            for (index, &iteration) in iterations.iter().enumerate() {
+                self.iterate(iteration, Some(index as u32));
+            }
+            let Some(Overflow { requests, skipped }) = self.read_log()? else { return Ok(()) };
+            self.stats.redone += u64::from(skipped.count_ones());
+            log::info!("lists overflowed in {} iterations; redoing them with more capacity", skipped.count_ones());
+            self.frame.grow(self.gpu, &self.scene, &requests)?;
+            iterations =
+                iterations.iter().enumerate().filter(|(i, _)| skipped >> i & 1 == 1).map(|(_, &n)| n).collect();
+            // The history of the first of them is lost. It must be that of the iteration before, since the
+            // set of iterations that overflow depends on the capacity.
+            if let (true, Some(before)) = (self.plan.reuses(), iterations[0].checked_sub(1)) {
+                self.iterate(before, None);
+            }
+        }
+    }
+
+    /// Reads the log of a batch. Returns the overflow if iterations were skipped.
+    fn read_log(&mut self) -> Result<Option<Overflow>, RenderError> {
+        self.gpu.timings.collect(self.gpu)?;
+        let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * self.frame.views.slots())?;
+        self.gpu.queue.write_buffer(&self.frame.log, 0, &vec![0; log.len() * 4]);
+        self.stats.non_finite += u64::from(log[0]);
+        let slots: Vec<[u32; 2]> = log[2..].chunks_exact(2).map(|c| [c[0], c[1]]).collect();
+        let requests = self.frame.views.requests_by_view(&slots);
+        if self.stats.requests.is_empty() {
+            let view = |view: PlannedView| ViewRequests {
+                view: view.role.to_string(),
+                resolution: view.texels.resolution,
+                ..Default::default()
+            };
+            self.stats.requests = self.plan.views().into_iter().map(view).collect();
+        }
+        for (most, &[items, nodes]) in self.stats.requests.iter_mut().zip(&requests) {
+            (most.items, most.nodes) = (most.items.max(items), most.nodes.max(nodes));
+        }
+        Ok((log[1] != 0).then_some(Overflow { requests, skipped: log[1] }))
+    }
+
+    /// Runs one iteration.
+    fn iterate(&mut self, number: u64, batch_index: Option<u32>) {
+        let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
+        frame.iterate(&Iteration { gpu, scene, camera, lights, settings, number, batch_index });
+    }
+}
+
+impl Renderer for SharedRenderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.samples + samples;
+        while self.samples < end {
+            // The first iteration is a batch of its own, so that little is redone if the initial capacity was
+            // too small.
+            let alone = self.samples == 0 || self.plan.is_layered();
+            let count = self.batch_size.next(if alone { 1 } else { BATCH.min(end - self.samples) });
+            let began = Instant::now();
+            self.batch((self.samples..self.samples + count).collect())?;
+            self.batch_size.record(count, began.elapsed());
+            self.samples += count;
+            self.frame.denoise(self.gpu, &self.scene);
+            if !progress(self.samples) {
+                break;
+            }
+        }
+        self.gpu.timings.collect(self.gpu)?;
+        Ok(())
+    }
+
+    fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        let scene = &*adapted(scene, &self.settings)?;
+        let (geometry, sources, same) = self.deformer.flatten(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings, None)?;
+        // The bound of the geometry term of `paper` depends on the size of the scene and is a constant of the
+        // passes.
+        let reusable = prepared.plan.same_pipelines(&self.plan) && self.settings.strategies != Strategies::Paper;
+        if !reusable || !self.scene.fits(scene, &prepared.geometry, &prepared.lights) {
+            *self = Self::new(self.gpu, scene, &self.settings)?;
+            return Ok(());
+        }
+        let Prepared { geometry, camera, lights, stats, .. } = prepared;
+        if let Some(denoiser) = &mut self.frame.denoiser {
+            self.deformer.look_back(self.gpu, &self.scene, scene, &geometry, &sources);
+            denoiser.scene_moves(self.gpu, &self.scene);
+        }
+        self.scene.pose(self.gpu, &geometry, !same, &lights);
+        self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
+        if self.plan.rays {
+            self.scene.accelerate(self.gpu, scene, &geometry)?;
+        }
+        self.deformer.keep(geometry, sources);
+        self.frame.invalidate_views();
+        self.by_power = self.plan.lights_for_view.then(|| lights.clone());
+        (self.camera, self.lights, self.scene_stats) = (camera, lights, stats);
+        self.begin()
+    }
+
+    fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
+        self.camera = camera.clone();
+        if let Some(by_power) = &self.by_power {
+            self.lights = by_power.clone();
+            self.scene.relight(self.gpu, &self.lights);
+        }
+        if let Some(denoiser) = &mut self.frame.denoiser {
+            denoiser.camera_moved();
+        }
+        self.begin()
+    }
+
+    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+        self.settings.only = only;
+        self.plan = FramePlan::new(&self.scene_stats, &self.settings, &self.gpu.capabilities);
+        let directions = self.frame.directions.take();
+        self.frame = Frame::new(self.gpu, &self.scene, &self.plan, &self.settings, directions);
+        if let Some(by_power) = &self.by_power {
+            self.lights = by_power.clone();
+        }
+        self.begin()
+    }
+
+    fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        let count = self.plan.light_vertices.saturating_sub(1) as usize;
+        let vertices: Vec<LightVertex> = read_back(self.gpu, &self.frame.light_vertices, count)?;
+        // Vertices of subpaths that ended earlier have zero throughput.
+        let traced = vertices.iter().filter(|v| v.throughput != [0.0; 3]);
+        Ok(traced.map(|v| Vec3::from(v.position)).collect())
+    }
+
+    fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    fn plan_text(&self) -> String {
+        self.plan.to_string()
+    }
+
+    fn plan_json(&self) -> serde_json::Value {
+        serde_json::to_value(&self.plan).unwrap_or_default()
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn restart(&mut self, seed: u32) {
+        self.frame.pixels.films().for_each(|film| clear(self.gpu, film));
+        self.frame.pixels.converged.iter_mut().for_each(|converged| converged.restart(self.gpu));
+        if let Some(denoiser) = &mut self.frame.denoiser {
+            denoiser.restart();
+        }
+        self.settings.seed = seed;
+        self.samples = 0;
+    }
+
+    fn mark_converged(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
+        let converged = self.frame.pixels.converged.as_mut().ok_or_else(adaptive_sampling::not_adaptive)?;
+        converged.write(self.gpu, tiles, self.samples)
+    }
+
+    fn is_adaptive(&self) -> bool {
+        self.plan.adaptive
+    }
+
+    fn film(&self) -> Result<Film, RenderError> {
+        match &self.frame.denoiser {
+            Some(denoiser) => Ok(denoiser.film(self.gpu)?),
+            None => {
+                let pixels = &self.frame.pixels;
+                read_film(self.gpu, pixels.films(), &self.settings, self.samples, pixels.converged.as_ref())
+            }
+        }
+    }
+
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        Ok(self.frame.denoiser.as_ref().map_or(Ok(None), |denoiser| denoiser.bias_films(self.gpu))?)
+    }
+
+    fn stats(&self) -> RenderStats {
+        RenderStats {
+            samples: self.samples,
+            bytes: self.frame.bytes(),
+            passes: self.gpu.timings.totals(),
+            ..self.stats.clone()
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! eye_vertices: z1 of every pixel, exactly, and the emission that the camera sees: strategies (0, 2).
+//!
+//! Reads: the G-buffer and the converged tiles. Writes: the eye vertices, the iteration's image, and the
+//! guides of the denoiser.
+
+use crate::gpu::{Compute, Flag, Gpu};
+use crate::render::recording::Recording;
+use crate::render::shared::film_buffer::Band;
+
+/// The pass.
+pub struct EyeVertices(Compute);
+
+impl EyeVertices {
+    /// Builds the pipeline.
+    #[must_use]
+    pub fn new(gpu: &Gpu, flags: &[Flag]) -> Self {
+        Self(Compute::new(gpu, "shared/camera/eye_vertices", flags))
+    }
+
+    /// Records the pass. `guides` are those of a frame that is denoised.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        band: &Band,
+        gbuffer: &wgpu::TextureView,
+        guides: Option<&wgpu::Buffer>,
+    ) {
+        let gbuffer = [("gbuffer", wgpu::BindingResource::TextureView(gbuffer))];
+        let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
+        recording.run(&self.0, band.size, &[&gbuffer, &band.bindings(), &guides]);
+    }
+}

@@ -1,0 +1,3 @@
+//! The film.
+
+pub mod accumulate;

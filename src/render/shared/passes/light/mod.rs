@@ -1,0 +1,8 @@
+//! The light subpath, and the light points of direct light.
+
+pub mod light_candidates;
+pub mod light_importance;
+pub mod light_point;
+pub mod light_reservoirs;
+pub mod light_subpath;
+pub mod rsm;

@@ -1,0 +1,54 @@
+//! connect: connects z_j of every pixel with one light vertex (eq. (3)-(8)); one run per strategy.
+//!
+//! Reads: the eye vertices, the light vertices and the map around the one that is connected. Writes: the
+//! iteration's image. Skipped when: there are no lights; light candidates make direct light.
+
+use crate::gpu::{Compute, Flag, Gpu};
+use crate::render::recording::Recording;
+use crate::render::shared::film_buffer::Band;
+use crate::render::visibility::view::ViewBuffers;
+
+/// The pass, for one number of light vertices.
+pub struct Connect(Compute);
+
+/// The inputs beside the band's pixels.
+pub struct ConnectInputs<'a> {
+    /// The strategy's constants.
+    pub strategy: &'a wgpu::Buffer,
+    /// The map around the light vertex.
+    pub view: &'a ViewBuffers,
+    /// The light point y0.
+    pub y0: &'a wgpu::Buffer,
+    /// The VPLs y1 and y2.
+    pub light_vertices: &'a wgpu::Buffer,
+    /// The reflective shadow map of y0, if its light has one.
+    pub rsm: Option<&'a wgpu::Buffer>,
+}
+
+impl Connect {
+    /// Builds the pipeline for strategies with `s` light vertices. `clamped` bounds the geometry term as the
+    /// paper does.
+    #[must_use]
+    pub fn new(gpu: &Gpu, flags: &[Flag], s: u32, clamped: bool) -> Self {
+        let label = ["connect_light", "connect_y1", "connect_y2"][s as usize - 1];
+        let mut flags = flags.to_vec();
+        if s == 1 {
+            flags.push(Flag::Light);
+        }
+        if clamped {
+            flags.push(Flag::Clamped);
+        }
+        Self(Compute::labelled(gpu, label, "shared/paths/connect", &flags))
+    }
+
+    /// Records the pass.
+    pub fn record(&self, recording: &mut Recording, band: &Band, inputs: &ConnectInputs) {
+        let buffers = [
+            ("strategy", inputs.strategy.as_entire_binding()),
+            ("y0", inputs.y0.as_entire_binding()),
+            ("light_vertices", inputs.light_vertices.as_entire_binding()),
+        ];
+        let rsm: Vec<_> = inputs.rsm.iter().map(|table| ("rsm", table.as_entire_binding())).collect();
+        recording.run(&self.0, band.size, &[&inputs.view.bindings(), &band.bindings(), &buffers, &rsm]);
+    }
+}

@@ -1,0 +1,4 @@
+//! Eye subpaths: connections and extensions.
+
+pub mod connect;
+pub mod extend;

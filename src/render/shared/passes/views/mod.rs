@@ -1,0 +1,4 @@
+//! Views: lists of triangles and depth maps.
+
+pub mod list_lengths;
+pub mod rasterize_view;

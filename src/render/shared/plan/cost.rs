@@ -1,0 +1,191 @@
+//! A model of the time of an iteration, and the side of the squares of interleaved sampling that follows from
+//! it.
+//!
+//! With squares of n x n pixels an iteration has n^2 light subpaths, each with its own views, and the filter
+//! reads n^2 pixels for each pixel. The time of an iteration is
+//!
+//!   T(n) = pixels + n^2 subpath.                                                                 (1)
+//!
+//! On smooth surfaces, k iterations have the same error as k n^2 light subpaths that all pixels share
+//! (cornell_point, n = 1 and 2: equal to three digits). A picture of m light subpaths therefore takes m
+//! (subpath + pixels / n^2), which falls with n until light subpaths dominate. Two limits bound n. Beyond n^2
+//! subpath = `MOST` pixels the gain is small, and the filter averages few pixels of fine geometry. Further,
+//! an iteration has one position within the pixel, so antialiased edges need about three iterations for any
+//! n: with m = 30, a side beyond n = 3 only makes iterations longer.
+//!
+//! Only ratios matter. The constants were measured with Mesa's software driver on two cores; there are no
+//! measurements on discrete GPUs. Nothing is measured during a render, so that the same scene, settings and
+//! device have the same side.
+
+/// Largest ratio of the time of all light subpaths of an iteration to the time of its pixels. With 2 the time
+/// per light subpath of a picture is 1.5 times the minimum, with 1 it is 2 times.
+const MOST: f64 = 2.0;
+
+/// Largest side. A diffuse Cornell box has a rel_mse of 0.002 after 15 to 50 light subpaths, in least time
+/// with a side of 3; a side of 4 takes 1.1 times as long in cornell_point and 1.17 times in cornell_area. For
+/// a rel_mse of 0.0007 both sides take the same time.
+const LARGEST: u32 = 3;
+
+/// Largest side for metals with narrow lobes. These need about 240 light subpaths for a rel_mse of 0.02
+/// (cornell_glossy), since the roughness clamp widens their lobes until there are enough samples.
+const LARGEST_OF_METALS: u32 = 6;
+
+/// Nanoseconds per texel of a view, whose list is cleared. cornell_point, 512x512: 1.3 ms for the 82,000
+/// texels of four views.
+const TEXEL: f64 = 16.0;
+
+/// Nanoseconds per triangle of a view, for setup and lists. Sponza, 262,000 triangles: 154 ms in five views,
+/// without their texels; `displaced_room` of 400,000 and 1,000,000 triangles: 137 ns.
+const TRIANGLE: f64 = 120.0;
+
+/// Nanoseconds of recording the commands of a light subpath.
+const SUBPATH: f64 = 500_000.0;
+
+/// Nanoseconds per pixel that the filter reads. cornell_point, 512x512, sides of 3 to 8: about 0.3 of the
+/// time of an extension.
+const TAP: f64 = 13.0;
+
+/// Nanoseconds per pixel for G-buffer, eye vertex and film. cornell_point, 512x512: 13 ms.
+const PIXEL: f64 = 50.0;
+
+/// Nanoseconds per connection. cornell_point: 47 ms for six.
+const CONNECTION: f64 = 30.0;
+
+/// Nanoseconds per extension along a bundle. cornell_point: 22 ms for two.
+const EXTENSION: f64 = 42.0;
+
+/// Relative increase of the time of look-ups and hits for each doubling of triangles beyond
+/// [`FEW_TRIANGLES`]. Measured: 0.29 in `displaced_room` of 10,000 to 1,000,000 triangles (3.1 to 5.3 times
+/// as long), 0.22 in Sponza, which is glossy as well (7.4 times).
+const DOUBLING: f64 = 0.22;
+
+/// Triangles of a Cornell box.
+const FEW_TRIANGLES: u64 = 32;
+
+/// Factor of the time of look-ups and hits on glossy surfaces. cornell_glossy against cornell_point: 226 and
+/// 119 ms.
+const GLOSSY: f64 = 1.9;
+
+/// Nanoseconds per triangle of the G-buffer. Sponza: 60 to 80 ms.
+const DRAWN: f64 = 250.0;
+
+/// Least pixels of a class that occupy a software device.
+const FILLS_SOFTWARE: u64 = 1 << 12;
+
+/// Least pixels of a class that occupy a GPU. An H100 runs 270,000 threads, most others fewer than 100,000.
+const FILLS_GPU: u64 = 1 << 16;
+
+/// The amount of work of an iteration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Work {
+    /// Triangles of the scene.
+    pub triangles: u64,
+    /// Views that are rasterized for a light subpath.
+    pub views: u64,
+    /// Texels of these views.
+    pub texels: u64,
+    /// Pixels with eye subpaths.
+    pub pixels: u64,
+    /// Connections per pixel.
+    pub connections: u64,
+    /// Extensions per pixel.
+    pub extensions: u64,
+    /// True if surfaces have lobes other than the diffuse one.
+    pub glossy: bool,
+    /// True if metals with narrow lobes exist.
+    pub narrow_metals: bool,
+    /// True if the filter averages the pixels of a square.
+    pub filtered: bool,
+    /// True if the device is a software driver.
+    pub software: bool,
+}
+
+/// The modelled time of an iteration, in nanoseconds of Mesa's software driver on two cores.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Cost {
+    /// Time per light subpath: its views, and the additional pixels that the filter reads.
+    pub subpath: f64,
+    /// Time of all pixels, for any number of light subpaths.
+    pub pixels: f64,
+    /// Largest side whose classes occupy the device.
+    pub fills: u32,
+    /// Largest side that shortens a render.
+    pub gains: u32,
+}
+
+impl Cost {
+    /// Evaluates the model.
+    #[must_use]
+    pub fn new(work: &Work) -> Self {
+        let count = |n: u64| n as f64;
+        let taps = if work.filtered { TAP * count(work.pixels) } else { 0.0 };
+        let views = TEXEL * count(work.texels) + TRIANGLE * count(work.triangles * work.views);
+        let doublings = (work.triangles / FEW_TRIANGLES).max(1).ilog2();
+        let mut slower = 1.0 + DOUBLING * f64::from(doublings);
+        slower *= if work.glossy { GLOSSY } else { 1.0 };
+        let pixel = PIXEL + CONNECTION * count(work.connections) + EXTENSION * count(work.extensions);
+        let filling = if work.software { FILLS_SOFTWARE } else { FILLS_GPU };
+        Self {
+            subpath: SUBPATH + views + taps,
+            pixels: slower * pixel * count(work.pixels) + DRAWN * count(work.triangles),
+            fills: count(work.pixels / filling).sqrt().max(1.0) as u32,
+            gains: if work.narrow_metals { LARGEST_OF_METALS } else { LARGEST },
+        }
+    }
+
+    /// Returns the side of the squares.
+    #[must_use]
+    pub fn side(&self) -> u32 {
+        let largest = (MOST * self.pixels / self.subpath).sqrt();
+        (largest as u32).min(self.fills).min(self.gains).max(1)
+    }
+
+    /// Returns the ratio of the time of a light subpath to that of all pixels.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.subpath / self.pixels
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// cornell_point, 512x512.
+    const BOX: Work = Work {
+        triangles: 32,
+        views: 4,
+        texels: 2 * 6 * 64 * 64 + 2 * 128 * 128,
+        pixels: 512 * 512,
+        connections: 6,
+        extensions: 2,
+        glossy: false,
+        narrow_metals: false,
+        filtered: true,
+        software: true,
+    };
+
+    #[test]
+    fn the_model_is_near_the_measurements() {
+        let near = |model: f64, millis: f64| (0.7..1.4).contains(&(model / (1e6 * millis)));
+        let cost = Cost::new(&BOX);
+        assert!(near(cost.pixels, 85.0) && near(cost.subpath, 5.2), "{cost:?}");
+        let sponza = Work { triangles: 262_000, views: 5, texels: 1_570_000, connections: 7, glossy: true, ..BOX };
+        let cost = Cost::new(&sponza);
+        assert!(near(cost.pixels, 640.0) && near(cost.subpath, 180.0), "{cost:?}");
+    }
+
+    #[test]
+    fn sides_follow_the_times_of_views_and_pixels() {
+        let side = |work: Work| Cost::new(&work).side();
+        assert_eq!(side(BOX), 3);
+        assert_eq!(side(Work { glossy: true, narrow_metals: true, ..BOX }), 6);
+        let fine = [1_000, 100_000, 1_000_000].map(|triangles| side(Work { triangles, ..BOX }));
+        assert_eq!(fine, [3, 3, 1]);
+        let small = [16, 64, 128, 192].map(|n| side(Work { pixels: n * n, ..BOX }));
+        assert_eq!(small, [1, 1, 2, 3]);
+        // A GPU needs more pixels.
+        let small = [128, 256, 512, 1024].map(|n| side(Work { pixels: n * n, software: false, ..BOX }));
+        assert_eq!(small, [1, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,380 @@
+//! Decides an iteration before anything is allocated: passes, shader flags, views, sizes and bytes, with the
+//! reason for each.
+//!
+//! [`strategies`] chooses the strategies (s, t), [`views`] lists the views, [`memory`] counts bytes,
+//! [`interleave`] chooses how many pixels share a light subpath by the model of [`cost`], and [`report`]
+//! writes the rows that `lightsheaf plan` prints.
+
+pub mod cost;
+pub mod interleave;
+pub mod memory;
+pub mod report;
+pub mod strategies;
+pub mod views;
+
+use crate::gpu::{Capabilities, Flag};
+use crate::render::denoise::plan::DenoisePlan;
+use crate::render::interleave::Grid;
+use crate::render::planned_pass::PlannedPass;
+use crate::render::shared::plan::cost::Cost;
+use crate::render::shared::plan::strategies::{Connection, Extension, StrategySet};
+use crate::scene::{Camera, SceneStats};
+use crate::settings::{LightSampling, RestirBias, Settings, Strategies, Visibility};
+
+/// Scenes with at most this many light clusters use one light sample per iteration; others select direct
+/// light from candidates.
+const FEW_LIGHTS: usize = 16;
+
+/// Most lights that can each have a light point, and a view around it, in every iteration.
+const MOST_DIRECT_LIGHTS: usize = 4;
+
+/// Light candidates of scenes with many lights.
+const CANDIDATES: u32 = 16;
+
+/// Pixels of a band: enough to fill a large device. A picture of up to two bands is one band: two took 8 %
+/// longer in cornell_point, while eight and sixteen are alike. The maps of light candidates are drawn for
+/// each band, so there bands are larger.
+const BAND_PIXELS: u32 = 1 << 17;
+const TWO_BANDS: u32 = 2 * BAND_PIXELS;
+const CANDIDATE_BAND_PIXELS: u32 = 1 << 20;
+
+/// The extents of a scene's lights.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct LightExtents {
+    /// True if lights with a position exist; their maps have six faces.
+    pub local: bool,
+    /// True if lights at infinity exist; their views have one direction at a time.
+    pub infinite: bool,
+}
+
+/// Texels along a side of each kind of view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Resolutions {
+    bundle: u32,
+    bundle_slabs: u32,
+    light: u32,
+    vpl: u32,
+}
+
+/// The plan of an iteration: a pure value.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FramePlan {
+    /// Passes, run or skipped, in the order in which they first run.
+    pub passes: Vec<PlannedPass>,
+    /// Flags of shaders that read surfaces.
+    pub surface_flags: Vec<Flag>,
+    /// Flags of shaders that sample or hit lights.
+    pub light_flags: Vec<Flag>,
+    /// Light vertices: 0 without lights, otherwise y0 and up to two VPLs.
+    pub light_vertices: u32,
+    /// Light points that direct light is selected from; the first is y0.
+    pub light_candidates: u32,
+    /// Lights that each have a light point for direct light in every iteration; 0 if direct light is selected
+    /// from candidates or comes from y0. Without this, sums of few iterations have too much of the sky or of
+    /// the sun (docs/journal.md, "Cost of an iteration").
+    pub direct_lights: u32,
+    /// The weighting of reservoirs that are reused from the last iteration; None without reuse.
+    pub reuse: Option<RestirBias>,
+    /// True if lights are chosen by their unoccluded contribution to the view, false if by power alone.
+    pub lights_for_view: bool,
+    /// The extents of lights.
+    pub light_extents: LightExtents,
+    /// True if light subpaths start from emissive surfaces and the environment, which eye subpaths can hit.
+    pub starts_from_emitters: bool,
+    /// True if bundle directions follow the environment map, eq. (2): only if no other strategy samples it.
+    /// Measured on cornell_env, 64 samples: alone, rel_mse falls from 0.21 to 0.012; beside light subpaths
+    /// from the sky it rises from 0.0027 to 0.0044, since fewer bundles go between surfaces.
+    pub sky_bundles: bool,
+    /// True if lights without extent have a reflective shadow map that proposes directions (pass rsm).
+    pub rsm: bool,
+    /// Connections in order.
+    pub connections: Vec<Connection>,
+    /// Extensions in order; each takes a bundle of its own.
+    pub extensions: Vec<Extension>,
+    /// True if the film shows list lengths of the first bundle in place of light.
+    pub list_lengths: bool,
+    /// Texels along a side of a bundle.
+    pub bundle_resolution: u32,
+    /// Depth slabs of a bundle's texel, each with a list.
+    pub bundle_slabs: u32,
+    /// Texels along a side of a face around a light.
+    pub light_resolution: u32,
+    /// Texels along a side of a face around a VPL.
+    pub vpl_resolution: u32,
+    /// True if emitters that the camera sees count: strategy (0, 2).
+    pub camera_hits_emitters: bool,
+    /// True if two iterations share a G-buffer, since rasterizing the triangles costs more than more pixel
+    /// positions gain at edges (docs/journal.md, "Cost of an iteration").
+    pub shares_gbuffer: bool,
+    /// True if lists are centre-sampled and depths compared (`--visibility fast`).
+    pub fast: bool,
+    /// True if ray queries answer visibility in place of lists and maps.
+    pub rays: bool,
+    /// Node capacity at the start, as a multiple of the usual guess.
+    pub list_room: f32,
+    /// Indirect bounces.
+    pub bounces: u32,
+    /// The division of the image into pixels that share a light subpath, and into bands that bound the memory
+    /// per pixel.
+    pub grid: Grid,
+    /// The reason for the side of its squares.
+    pub interleave: String,
+    /// The cost of an iteration by the model that chooses the side.
+    pub cost: Cost,
+    /// True if converged tiles take no more samples.
+    pub adaptive: bool,
+    /// True if direct light has no noise, so that it bypasses the filter.
+    pub clear_light: bool,
+    /// True if a filter averages the pixels of a square.
+    pub filtered: bool,
+    /// True if two more pictures measure the bias of the filter: one unfiltered, one filtered twice.
+    pub measures_bias: bool,
+    /// True if fireflies of the layers are clamped to the brightness of their neighbours.
+    pub clamps_fireflies: bool,
+    /// Frames that indirect light is averaged over; 0 for none.
+    pub history: u32,
+    /// Bytes of buffers and textures beside the scene, at the start.
+    pub bytes: u64,
+}
+
+impl FramePlan {
+    /// Decides from the statistics of a scene, the settings and the device.
+    #[must_use]
+    pub fn new(stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
+        let sampling = settings.light_sampling;
+        let resamples = sampling.is_some_and(LightSampling::resamples);
+        let mut strategies = StrategySet::new(stats, settings);
+        let light_vertices = strategies.light_vertices;
+        let many_lights = light_vertices > 0 && stats.light_places > FEW_LIGHTS;
+        let usual = if many_lights || resamples { CANDIDATES } else { 1 };
+        strategies.light_candidates = if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(usual) };
+        let light_candidates = strategies.light_candidates;
+        let direct_lights = direct_lights(stats, settings, light_vertices);
+        let connections = strategies.connections();
+        let extensions = strategies.extensions(&connections);
+        let reuse = (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias);
+        let fast = settings.visibility() == Visibility::Fast;
+        let sizes = resolutions(stats, settings, fast, light_candidates > 1 || reuse.is_some());
+        let starts_from_emitters = strategies.emitters && settings.strategies != Strategies::Paper;
+        let hits_sky = stats.environment_map && extensions.iter().any(|e: &Extension| e.hits_emitter);
+        let lights = stats.lights + usize::from(stats.environment);
+        let mut plan = Self {
+            passes: Vec::new(),
+            surface_flags: surface_flags(stats),
+            light_flags: light_flags(stats),
+            light_vertices,
+            light_candidates,
+            direct_lights,
+            reuse,
+            lights_for_view: many_lights && (sampling.is_none() || resamples),
+            light_extents: LightExtents { local: stats.local_lights, infinite: stats.infinite_lights },
+            starts_from_emitters,
+            sky_bundles: hits_sky && !starts_from_emitters,
+            rsm: stats.lights > 0 && light_vertices > 1,
+            connections,
+            extensions,
+            list_lengths: settings.list_lengths,
+            camera_hits_emitters: strategies.hits_emitter(0),
+            shares_gbuffer: false,
+            bundle_resolution: sizes.bundle,
+            bundle_slabs: sizes.bundle_slabs,
+            light_resolution: sizes.light,
+            vpl_resolution: sizes.vpl,
+            fast,
+            rays: settings.visibility() == Visibility::RayQuery,
+            list_room: settings.list_room,
+            bounces: settings.bounces,
+            grid: Grid::undivided([settings.width, settings.height], settings.upsample),
+            interleave: String::new(),
+            cost: Cost::default(),
+            adaptive: false,
+            clear_light: stats.emissive_triangles == 0
+                && lights == stats.sharp_lights
+                && light_candidates == 1
+                && (lights == 1 || direct_lights > 0),
+            filtered: false,
+            measures_bias: false,
+            clamps_fireflies: settings.tame_outliers,
+            history: settings.history,
+            bytes: 0,
+        };
+        plan.divide_image(stats, settings, capabilities);
+        plan.bytes = plan.count_bytes(stats, settings, capabilities);
+        plan.passes = plan.rows(stats, settings);
+        plan
+    }
+
+    /// Chooses the squares of interleaved sampling, the bands, and everything that depends on these.
+    fn divide_image(&mut self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) {
+        self.cost = Cost::new(&self.work(stats, settings, capabilities));
+        (self.grid.side, self.interleave) = self.choose_side(stats, settings);
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        self.grid.layered = self.grid.side > 1 || settings.is_denoised();
+        self.filtered = self.grid.side > 1 && !settings.unfiltered;
+        self.measures_bias =
+            settings.target_error.is_some() && self.filtered && !settings.tame_outliers && settings.upsample == 1;
+        self.adaptive = settings.target_error.is_some() && !self.is_layered();
+        self.shares_gbuffer = !self.is_layered() && 4 * stats.triangles as u64 > pixels;
+        let usual = if self.has_candidates() && !self.reuses() {
+            CANDIDATE_BAND_PIXELS
+        } else if pixels <= u64::from(TWO_BANDS) {
+            TWO_BANDS
+        } else {
+            BAND_PIXELS
+        };
+        self.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
+    }
+
+    /// True if another plan has the same pipelines and buffers, for perhaps another number of triangles.
+    #[must_use]
+    pub fn same_pipelines(&self, other: &Self) -> bool {
+        let Self { bytes, cost, ref interleave, .. } = *self;
+        *self == Self { bytes, cost, interleave: interleave.clone(), ..other.clone() }
+    }
+
+    /// Returns the number of iterations that share a G-buffer: the camera's position and the place within the
+    /// pixel are the same. A lens, and frames of a denoised picture, have a G-buffer for each iteration.
+    #[must_use]
+    pub fn iterations_per_gbuffer(&self, camera: &Camera) -> u64 {
+        let has_lens = camera.lens.is_some_and(|lens| lens.radius > 0.0);
+        if self.shares_gbuffer && !has_lens { 2 } else { 1 }
+    }
+
+    /// True if direct light is selected from several light candidates.
+    #[must_use]
+    pub fn has_candidates(&self) -> bool {
+        (self.light_candidates > 1 || self.reuse.is_some()) && self.connections.iter().any(Connection::is_direct)
+    }
+
+    /// True if pixels reuse the reservoirs of the last iteration.
+    #[must_use]
+    pub fn reuses(&self) -> bool {
+        self.reuse.is_some() && self.has_candidates()
+    }
+
+    /// Returns the number of light points of an iteration: y0, and the others of direct light.
+    #[must_use]
+    pub fn light_points(&self) -> u32 {
+        self.direct_lights.max(self.light_candidates)
+    }
+
+    /// Returns the number of light points that pass connect runs over. Candidates are those of pass
+    /// light_candidates.
+    #[must_use]
+    pub fn points_connected(&self, connection: &Connection) -> u32 {
+        if connection.is_direct() { self.direct_lights.max(1) } else { 1 }
+    }
+
+    /// True if a connection is made in a class of its own, at the resolution of the image.
+    #[must_use]
+    pub fn is_apart(&self, connection: &Connection) -> bool {
+        self.grid.scale > 1 && self.is_clear(connection)
+    }
+
+    /// True if the light of a connection bypasses the filter.
+    #[must_use]
+    pub fn is_clear(&self, connection: &Connection) -> bool {
+        self.clear_light && connection.is_direct()
+    }
+
+    /// True if an iteration's light goes to layers that are denoised, false if to the film.
+    #[must_use]
+    pub fn is_layered(&self) -> bool {
+        self.grid.layered
+    }
+
+    /// Returns the flags of shaders that add light to pixels.
+    #[must_use]
+    pub fn layer_flags(&self) -> &'static [Flag] {
+        if self.is_layered() { &[Flag::Layered] } else { &[] }
+    }
+
+    /// Returns the flags of shaders that skip converged tiles.
+    #[must_use]
+    pub fn adaptive_flags(&self) -> &'static [Flag] {
+        if self.adaptive { &[Flag::Adaptive] } else { &[] }
+    }
+
+    /// True if shaders have code for lobes beside the diffuse one.
+    #[must_use]
+    pub fn glossy(&self) -> bool {
+        self.surface_flags.contains(&Flag::Glossy)
+    }
+
+    /// Returns the plan of the denoiser.
+    #[must_use]
+    pub fn denoise(&self) -> DenoisePlan {
+        DenoisePlan {
+            grid: self.grid,
+            history: self.history,
+            filtered: self.filtered,
+            measures_bias: self.measures_bias,
+            clamps_fireflies: self.clamps_fireflies,
+            glossy: self.glossy(),
+        }
+    }
+}
+
+/// Returns the number of lights that each have a light point in every iteration; 0 if there are too many. At
+/// most one of them may be local with an extent, since its six faces are rasterized in every iteration.
+fn direct_lights(stats: &SceneStats, settings: &Settings, light_vertices: u32) -> u32 {
+    let lights = stats.lights + usize::from(stats.environment);
+    let each = (2..=MOST_DIRECT_LIGHTS).contains(&lights)
+        && stats.emissive_triangles == 0
+        && stats.sized_local_lights <= 1
+        && light_vertices > 0
+        && settings.strategies != Strategies::Paper
+        && settings.light_sampling.is_none()
+        && settings.light_pool.is_none();
+    if each { lights as u32 } else { 0 }
+}
+
+/// Returns the resolutions of views, unless the settings set them. Look-ups are fastest if a texel holds a
+/// few triangles, rasterization if there are few texels; both change little around a texel of about the
+/// triangles' size (docs/journal.md, "Resolution").
+fn resolutions(stats: &SceneStats, settings: &Settings, fast: bool, many_maps: bool) -> Resolutions {
+    let fitting = |coarsest: u32, finest: u32, texels_per_unit: f32| {
+        let fitting = texels_per_unit / stats.mean_triangle_size.max(1e-4);
+        (fitting as u32).next_power_of_two().clamp(coarsest, finest)
+    };
+    let bundle = settings.bundle_resolution.unwrap_or_else(|| fitting(128, 512, 2.0));
+    // Lists are long if there are about as many triangles as texels; then depth slabs shorten them. Lists of
+    // `fast` are half as long.
+    let texels = bundle as usize * bundle as usize;
+    let bundle_slabs = if fast { 1 } else { (4 * stats.triangles / texels).clamp(1, 16).next_power_of_two() as u32 };
+    // The map of a light candidate is rasterized for the few pixels that selected it. Exact answers do not
+    // depend on it.
+    let finest = if many_maps && !fast { 64 } else { 512 };
+    Resolutions {
+        bundle,
+        bundle_slabs,
+        light: settings.light_resolution.unwrap_or_else(|| fitting(64, finest, 1.5)),
+        vpl: settings.vpl_resolution.unwrap_or_else(|| fitting(64, 256, 1.0)),
+    }
+}
+
+/// Returns the flags of shaders that read surfaces.
+fn surface_flags(stats: &SceneStats) -> Vec<Flag> {
+    chosen([
+        (Flag::Textures, stats.texels > 0),
+        (Flag::VertexColors, stats.vertex_colors),
+        (Flag::Glossy, stats.glossy_triangles > 0),
+        (Flag::Masks, stats.masked_triangles > 0),
+    ])
+}
+
+/// Returns the flags of shaders that sample or hit lights.
+fn light_flags(stats: &SceneStats) -> Vec<Flag> {
+    chosen([
+        (Flag::Punctual, stats.lights > 0),
+        (Flag::Patterns, stats.patterns),
+        (Flag::Emission, stats.emissive_triangles > 0),
+        (Flag::Environment, stats.environment),
+        (Flag::EnvironmentMap, stats.environment_map),
+    ])
+}
+
+/// Returns the flags that are on.
+fn chosen<const N: usize>(flags: [(Flag, bool); N]) -> Vec<Flag> {
+    flags.into_iter().filter(|(_, on)| *on).map(|(flag, _)| flag).collect()
+}

@@ -1,0 +1,203 @@
+//! The plan as `lightsheaf plan` prints it: a row for each pass, in the order in which passes run, with the
+//! reason.
+
+use std::fmt;
+
+use crate::gpu::flag_names;
+use crate::render::planned_pass::PlannedPass;
+use crate::render::shared::plan::FramePlan;
+use crate::scene::SceneStats;
+use crate::settings::Settings;
+
+/// The reason of passes that need a light.
+const NO_LIGHT: &str = "no light for light subpaths";
+
+/// Numbers of views and bands of an iteration.
+struct Counts {
+    subpaths: u32,
+    bands: u32,
+    clear_bands: u32,
+    maps: u32,
+    bundles: u32,
+}
+
+fn row(name: &'static str, runs: u32, reason: impl Into<String>) -> PlannedPass {
+    PlannedPass { name, runs, reason: reason.into() }
+}
+
+impl FramePlan {
+    /// Returns one row per pass.
+    pub(super) fn rows(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
+        let counts = self.counts(stats);
+        let mut rows = PlannedPass::of_upload(stats);
+        rows.extend(self.light_rows(&counts));
+        rows.extend(self.view_rows(&counts));
+        rows.extend(self.subpath_rows(&counts));
+        rows.extend(self.pixel_rows(&counts, settings));
+        rows.extend(self.denoise().rows());
+        rows
+    }
+
+    fn counts(&self, stats: &SceneStats) -> Counts {
+        let subpaths = self.grid.subpaths();
+        let [bands, clear_bands] = self.grid.regions();
+        // Candidates share a view that is filled again for each band, unless each has one of its own.
+        let candidates = if self.reuses() { 1 } else { bands } * (self.light_candidates - 1);
+        let candidates = if self.has_candidates() { candidates } else { 0 };
+        // Maps around lights without extent are kept.
+        let others = self.direct_lights.saturating_sub(stats.sharp_lights as u32).saturating_sub(1);
+        let maps = subpaths * (self.light_vertices + others) + candidates;
+        Counts { subpaths, bands, clear_bands, maps, bundles: subpaths * self.bundles() }
+    }
+
+    fn light_rows(&self, counts: &Counts) -> [PlannedPass; 2] {
+        let importance = if self.lights_for_view {
+            "once, before the first iteration: lights are chosen half by power, half by unoccluded contribution"
+        } else {
+            "few lights, or --light-sampling is given"
+        };
+        let point = match (self.light_vertices, self.direct_lights) {
+            (0, _) => NO_LIGHT.to_owned(),
+            (_, 0) => "y0 of the light subpath".to_owned(),
+            (_, n) => format!("y0 of the light subpath; direct light from a point on each of {n} lights"),
+        };
+        [
+            row("light_importance", u32::from(self.lights_for_view), importance),
+            row("light_point", if self.light_vertices > 0 { counts.subpaths } else { 0 }, point),
+        ]
+    }
+
+    fn view_rows(&self, counts: &Counts) -> [PlannedPass; 3] {
+        let &Counts { maps, bundles, .. } = counts;
+        let kept = "the view of a light without extent is reused while the light stays the same";
+        let views = if self.rays { 0 } else { maps + bundles };
+        let or_rays = |why: String| if self.rays { "ray queries answer visibility".to_owned() } else { why };
+        let depth =
+            if self.fast { format!("around light vertices; {kept}") } else { "only with --visibility fast".to_owned() };
+        [
+            row(
+                "view_setup",
+                views,
+                or_rays(format!("once per view: {maps} around light vertices, {bundles} bundles")),
+            ),
+            row("view_lists", views, or_rays(format!("once per view; {kept}"))),
+            row("depth_maps", if self.has_depth_maps() { maps } else { 0 }, depth),
+        ]
+    }
+
+    fn subpath_rows(&self, counts: &Counts) -> [PlannedPass; 2] {
+        let rsm = match (self.rsm, self.light_vertices) {
+            (true, _) => "once per point, spot or directional light: importance of VPL directions",
+            (_, 0 | 1) => "no VPLs",
+            _ => "no point, spot or directional light",
+        };
+        let vpls = match self.light_vertices {
+            0 => NO_LIGHT.to_owned(),
+            1 => "the strategies have no VPLs".to_owned(),
+            n => format!("{} VPLs", n - 1),
+        };
+        [
+            row("rsm", u32::from(self.rsm), rsm),
+            row("light_subpath", counts.subpaths * self.light_vertices.saturating_sub(1), vpls),
+        ]
+    }
+
+    fn pixel_rows(&self, counts: &Counts, settings: &Settings) -> Vec<PlannedPass> {
+        let &Counts { bands, clear_bands, .. } = counts;
+        let shared =
+            if self.shares_gbuffer { "; without a lens two iterations share it, since triangles are many" } else { "" };
+        let connections = self.connections.iter().filter(|c| !(self.has_candidates() && c.is_direct()));
+        let connections =
+            connections.map(|c| self.points_connected(c) * if self.is_apart(c) { clear_bands } else { bands }).sum();
+        let connect = if self.light_vertices == 0 {
+            NO_LIGHT.to_owned()
+        } else {
+            format!("strategies (s, t): {}", self.strategy_names())
+        };
+        let to = match (self.is_layered(), self.adaptive) {
+            (true, _) => "layers of the frame, which are denoised",
+            (false, true) => "film, except tiles that have converged",
+            (false, false) => "film",
+        };
+        let lengths = if self.list_lengths { "in place of light" } else { "not asked for" };
+        vec![
+            row("gbuffer", 1, format!("z1 of every pixel{shared}")),
+            row("eye_vertices", bands + clear_bands, "exact positions, and emission that the camera sees"),
+            row("list_lengths", if self.list_lengths { bands } else { 0 }, lengths),
+            row("connect", connections, connect),
+            self.candidates_row(bands),
+            self.reservoirs_row(bands),
+            row("extend", bands * self.extensions.len() as u32, self.why_extend(settings)),
+            row("accumulate", bands + clear_bands, to),
+        ]
+    }
+
+    fn candidates_row(&self, bands: u32) -> PlannedPass {
+        let runs = if self.has_candidates() { bands * (self.light_candidates + 1) } else { 0 };
+        let why = match (self.light_candidates, self.light_vertices) {
+            (_, 0) => NO_LIGHT.to_owned(),
+            (1, _) if self.direct_lights > 0 => "few lights: each has a light point".to_owned(),
+            (1, _) if !self.has_candidates() => "few lights: one light point per iteration".to_owned(),
+            (n, _) => {
+                format!("direct light, (1, 2): one of {n} light points per pixel, then a visibility test for each")
+            }
+        };
+        row("light_candidates", runs, why)
+    }
+
+    fn reservoirs_row(&self, bands: u32) -> PlannedPass {
+        let runs = if self.reuses() { bands * (2 * self.light_candidates + 1) } else { 0 };
+        let why = match (self.light_vertices, self.reuse) {
+            (0, _) => NO_LIGHT.to_owned(),
+            (_, None) => "only with --light-sampling restir".to_owned(),
+            _ if !self.reuses() => "the strategies have no direct light".to_owned(),
+            (_, Some(bias)) => {
+                format!("{bias}: reuse of the last iteration's reservoirs, then a visibility test for each light point")
+            }
+        };
+        row("light_reservoirs", runs, why)
+    }
+
+    fn why_extend(&self, settings: &Settings) -> String {
+        if self.extensions.iter().any(|e| e.hits_emitter) {
+            let directions = if self.sky_bundles { "; directions follow the environment map" } else { "" };
+            let beyond = if self.extensions.iter().any(|e| e.last) { "beyond them" } else { "between them" };
+            format!("{} bounces, and hits on emitters {beyond}{directions}", settings.bounces)
+        } else if self.extensions.is_empty() {
+            "no connection and no emitter beyond z1".to_owned()
+        } else {
+            "no emitters: the last vertex is the last that is connected".to_owned()
+        }
+    }
+
+    fn strategy_names(&self) -> String {
+        let names: Vec<_> = self.connections.iter().map(|c| format!("({}, {})", c.s, c.j + 1)).collect();
+        names.join(" ")
+    }
+}
+
+impl fmt::Display for FramePlan {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let or = |names: String, none: &str| if names.is_empty() { none.to_owned() } else { names };
+        PlannedPass::write_rows(&self.passes, f)?;
+        writeln!(f, "{:<16} {:>4}  {}", "interleave", self.grid.side, self.interleave)?;
+        writeln!(f, "{:<21}  {}", "surface code", or(flag_names(&self.surface_flags), "diffuse only"))?;
+        writeln!(f, "{:<21}  {}", "light code", or(flag_names(&self.light_flags), "none"))?;
+        let visibility = if self.rays {
+            "ray queries, for any resolution"
+        } else if self.fast {
+            "depth maps and centre-sampled lists (fast)"
+        } else {
+            "conservative with exact intersection (exact)"
+        };
+        let (bundle, slabs, light, vpl) =
+            (self.bundle_resolution, self.bundle_slabs, self.light_resolution, self.vpl_resolution);
+        let faces = self.light_faces();
+        writeln!(
+            f,
+            "{:<21}  bundles {bundle}^2 x {slabs}, light {faces} x {light}^2, VPLs 6 x {vpl}^2, {visibility}",
+            "views"
+        )?;
+        write!(f, "{:<21}  {:.1} MB beside the scene", "memory", self.bytes as f64 * 1e-6)
+    }
+}

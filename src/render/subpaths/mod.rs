@@ -1,0 +1,374 @@
+//! Renders a scene with ray queries: path tracing, or bidirectional path tracing (Veach 1997; Sun 2020) with
+//! every strategy (s, t), s >= 0 and t >= 1.
+//!
+//! A sample has one eye subpath per pixel and, in bidirectional path tracing, one light subpath per pixel.
+//! Light subpaths are traced first, connected with the camera and stored. Eye subpaths are connected with
+//! lights and with the vertices stored for their pixel. Pixels are processed in groups, so that the stored
+//! vertices fit a binding. The estimators are unbiased, except that a path tracks only the medium that it
+//! entered last (docs/limits.md).
+
+pub mod plan;
+pub mod reservoirs;
+
+use std::time::Instant;
+
+use crate::film::{self, Film};
+use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back};
+use crate::render::adapt::adapted;
+use crate::render::adaptive_sampling::{self, ConvergedTiles};
+use crate::render::frame_uniform::camera_uniform;
+use crate::render::layouts;
+use crate::render::layouts::strategy::ANY;
+use crate::render::lights::table::{Hittable, LightTable};
+use crate::render::lights::tree::LightTree;
+use crate::render::renderer::{BatchSize, RenderError, RenderStats, Renderer, camera_of, check_size, clear, read_film};
+use crate::render::subpaths::plan::PathPlan;
+use crate::render::subpaths::reservoirs::Reservoirs;
+use crate::render::upload::deformation::Deformer;
+use crate::render::upload::gpu_scene::GpuScene;
+use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
+use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
+
+/// Most samples of a batch.
+const BATCH: u64 = 8;
+
+/// Buffers that all pixels share (shaders/lib/paths/paths.wesl).
+struct Shared {
+    frame: wgpu::Buffer,
+    paths: wgpu::Buffer,
+    light_nodes: Option<wgpu::Buffer>,
+}
+
+/// Buffers per pixel.
+struct Pixels {
+    radiance: wgpu::Buffer,
+    film: wgpu::Buffer,
+    log: wgpu::Buffer,
+    /// Vertices of light subpaths, and splats.
+    light: Option<(wgpu::Buffer, wgpu::Buffer)>,
+    /// Converged tiles, if sampling is adaptive.
+    converged: Option<ConvergedTiles>,
+}
+
+/// The data of a scene that is computed on the CPU.
+struct Prepared {
+    geometry: Geometry,
+    camera: Camera,
+    plan: PathPlan,
+    table: LightTable,
+    light_nodes: Option<Vec<layouts::LightNode>>,
+    constants: layouts::Paths,
+}
+
+impl Prepared {
+    fn new(gpu: &Gpu, scene: &Scene, geometry: Geometry, settings: &Settings) -> Result<Self, RenderError> {
+        let camera = camera_of(scene, settings)?;
+        let limit = gpu.capabilities.max_storage_bytes;
+        check_size(gpu, settings, limit / 64)?;
+        let stats = SceneStats::new(scene, &geometry);
+        let bidirectional = settings.method() == Method::Bdpt;
+        let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        let mut table =
+            LightTable::new(scene, &geometry, if bidirectional { Hittable::All } else { Hittable::ButConstantSky });
+        let mut light_nodes = None;
+        if plan.light_sampling == LightSampling::Uniform {
+            table = table.uniform_selection();
+        }
+        if plan.light_sampling.has_tree() {
+            let tree = LightTree::new(&table, scene, &geometry);
+            table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
+            check_binding(gpu, "the light tree", size_of_val(tree.nodes.as_slice()))?;
+            light_nodes = Some(tree.nodes);
+        }
+        let [lens_radius, focus] = lens_of(&camera);
+        let constants = layouts::Paths {
+            seed: settings.seed,
+            bounces: plan.bounces,
+            lens_radius,
+            focus,
+            only_s: ANY,
+            only_t: ANY,
+            splat_scale: splat_scale(table.power, geometry.sphere().1),
+            tree_lights: table.finite as u32,
+            tree_share: table.finite_share(),
+            biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
+            memory: settings.restir_memory,
+            ..Default::default()
+        };
+        Ok(Self { geometry, camera, plan, table, light_nodes, constants })
+    }
+}
+
+/// A renderer of one light and one eye subpath per pixel, with ray queries.
+pub struct PathRenderer<'gpu> {
+    gpu: &'gpu Gpu,
+    scene: GpuScene,
+    settings: Settings,
+    constants: layouts::Paths,
+    plan: PathPlan,
+    light_paths: Option<Compute>,
+    reservoirs: Option<Reservoirs>,
+    eye_paths: Compute,
+    resolve: Compute,
+    shared: Shared,
+    pixels: Pixels,
+    deformer: Deformer,
+    samples: u64,
+    batch_size: BatchSize,
+    stats: RenderStats,
+    warnings: Vec<String>,
+}
+
+impl<'gpu> PathRenderer<'gpu> {
+    /// Uploads the scene, and builds its acceleration structures and pipelines. The method is `path` or
+    /// `bdpt`.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] if a value is out of range, the device cannot hold the image, or the camera
+    /// does not exist; [`RenderError::Gpu`] if the device fails or was opened without ray queries.
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
+        let scene = &*adapted(scene, settings)?;
+        let (geometry, sources) = Geometry::with_sources(scene);
+        let Prepared { geometry, camera, plan, table, light_nodes, constants } =
+            Prepared::new(gpu, scene, geometry, settings)?;
+        let bidirectional = settings.method() == Method::Bdpt;
+        // The shaders always read the number of lights.
+        let flags = [plan.flags.as_slice(), &[Flag::Punctual]].concat();
+        let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table, &flags)?;
+        let mut deformer = Deformer::default();
+        deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
+        gpu_scene.accelerate(gpu, scene, &geometry)?;
+        deformer.keep(geometry, sources);
+        let frame = gpu.uniform::<layouts::FrameUniform>("frame");
+        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&camera_uniform(&camera, settings)));
+        let light_nodes = light_nodes.map(|nodes| gpu.upload("light_nodes", &nodes));
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let mut this = Self {
+            light_paths: bidirectional.then(|| Compute::new(gpu, "subpaths/light_paths", &plan.flags)),
+            reservoirs: plan
+                .light_sampling
+                .resamples()
+                .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir)),
+            eye_paths: Compute::new(gpu, "subpaths/eye_paths", &plan.flags),
+            resolve: Compute::new(gpu, "subpaths/resolve", &plan.flags),
+            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
+            pixels: Pixels {
+                radiance: gpu.storage("radiance", pixels * 16),
+                film: gpu.storage("film", pixels * film::DEVICE_BYTES),
+                log: gpu.storage("log", 16),
+                light: bidirectional
+                    .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
+                converged: settings.is_adaptive().then(|| ConvergedTiles::new(gpu, settings.width, settings.height)),
+            },
+            gpu,
+            stats: RenderStats { scene_bytes: gpu_scene.bytes + deformer.bytes(), ..Default::default() },
+            scene: gpu_scene,
+            settings: settings.clone(),
+            constants,
+            plan,
+            deformer,
+            samples: 0,
+            batch_size: BatchSize::default(),
+            warnings: scene.warnings.clone(),
+        };
+        this.select_strategy(settings.only);
+        gpu.check()?;
+        Ok(this)
+    }
+
+    /// Begins a picture in which one strategy counts, or all.
+    fn select_strategy(&mut self, only: Option<OnlyStrategy>) {
+        self.constants.only_s = only.map_or(ANY, |o| o.s);
+        self.constants.only_t = only.map_or(ANY, |o| o.t);
+        self.constants.unweighted = u32::from(only.is_some_and(|o| !o.weighted));
+        self.restart(self.constants.seed);
+    }
+
+    /// Returns the bindings of all passes over paths.
+    #[must_use]
+    pub fn bindings(&self) -> Vec<(&str, wgpu::BindingResource<'_>)> {
+        let mut bindings = self.scene.with(&[]);
+        bindings.extend([
+            ("frame", self.shared.frame.as_entire_binding()),
+            ("paths", self.shared.paths.as_entire_binding()),
+            ("radiance", self.pixels.radiance.as_entire_binding()),
+            ("film", self.pixels.film.as_entire_binding()),
+            ("log", self.pixels.log.as_entire_binding()),
+        ]);
+        bindings.extend(self.shared.light_nodes.as_ref().map(|nodes| ("light_nodes", nodes.as_entire_binding())));
+        bindings.extend(self.pixels.converged.iter().map(ConvergedTiles::binding));
+        if let Some((vertices, splats)) = &self.pixels.light {
+            bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
+        }
+        bindings
+    }
+
+    /// Returns the plan of a sample.
+    #[must_use]
+    pub fn plan(&self) -> &PathPlan {
+        &self.plan
+    }
+
+    /// Writes the constants of a dispatch over `count` pixels from `first`, of the sample `number`.
+    pub fn describe(&self, number: u64, first: u32, count: u32) {
+        let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
+        self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+    }
+
+    /// Records and submits one sample of every pixel.
+    fn sample(&self, number: u64) {
+        let pixels = self.settings.width * self.settings.height;
+        let mut bindings = self.bindings();
+        bindings.extend(self.reservoirs.iter().flat_map(|r| r.bindings(number)));
+        for first in (0..pixels).step_by(self.plan.group as usize) {
+            let count = self.plan.group.min(pixels - first);
+            self.describe(number, first, count);
+            let mut encoder =
+                self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("sample") });
+            if let Some(light_paths) = &self.light_paths {
+                light_paths.record(self.gpu, &mut encoder, [count, 1], &bindings);
+            }
+            if let Some(reservoirs) = &self.reservoirs {
+                reservoirs.record(self.gpu, &mut encoder, count, &bindings);
+            }
+            self.eye_paths.record(self.gpu, &mut encoder, [count, 1], &bindings);
+            if first + count == pixels {
+                let size = [self.settings.width, self.settings.height];
+                self.resolve.record(self.gpu, &mut encoder, size, &bindings);
+            }
+            self.gpu.queue.submit([encoder.finish()]);
+        }
+    }
+}
+
+impl Renderer for PathRenderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.samples + samples;
+        while self.samples < end {
+            let count = self.batch_size.next(BATCH.min(end - self.samples));
+            let (began, next) = (Instant::now(), self.samples + count);
+            (self.samples..next).for_each(|number| self.sample(number));
+            let non_finite: Vec<u32> = read_back(self.gpu, &self.pixels.log, 1)?;
+            self.stats.non_finite += u64::from(non_finite[0]);
+            self.gpu.queue.write_buffer(&self.pixels.log, 0, &[0; 4]);
+            self.gpu.timings.collect(self.gpu)?;
+            self.batch_size.record(count, began.elapsed());
+            self.samples = next;
+            if !progress(self.samples) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        let scene = &*adapted(scene, &self.settings)?;
+        let (geometry, sources, same) = self.deformer.flatten(scene);
+        let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
+        if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
+            *self = Self::new(self.gpu, scene, &self.settings)?;
+            return Ok(());
+        }
+        let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
+        self.scene.pose(self.gpu, &geometry, !same, &table);
+        self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
+        self.scene.accelerate(self.gpu, scene, &geometry)?;
+        self.deformer.keep(geometry, sources);
+        let uniform = camera_uniform(&camera, &self.settings);
+        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
+        self.constants = constants;
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
+        self.select_strategy(self.settings.only);
+        Ok(self.gpu.check()?)
+    }
+
+    fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
+        let uniform = camera_uniform(camera, &self.settings);
+        self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        [self.constants.lens_radius, self.constants.focus] = lens_of(camera);
+        self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
+        self.restart(self.constants.seed);
+        Ok(())
+    }
+
+    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+        self.settings.only = only;
+        self.select_strategy(only);
+        Ok(())
+    }
+
+    fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    fn plan_text(&self) -> String {
+        self.plan.to_string()
+    }
+
+    fn plan_json(&self) -> serde_json::Value {
+        serde_json::to_value(&self.plan).unwrap_or_default()
+    }
+
+    fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    fn restart(&mut self, seed: u32) {
+        clear(self.gpu, &self.pixels.film);
+        self.pixels.converged.iter_mut().for_each(|converged| converged.restart(self.gpu));
+        self.constants.seed = seed;
+        self.samples = 0;
+    }
+
+    fn mark_converged(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
+        let converged = self.pixels.converged.as_mut().ok_or_else(adaptive_sampling::not_adaptive)?;
+        converged.write(self.gpu, tiles, self.samples)
+    }
+
+    fn is_adaptive(&self) -> bool {
+        self.settings.is_adaptive()
+    }
+
+    fn film(&self) -> Result<Film, RenderError> {
+        let Pixels { film, converged, .. } = &self.pixels;
+        read_film(self.gpu, std::iter::once(film), &self.settings, self.samples, converged.as_ref())
+    }
+
+    fn stats(&self) -> RenderStats {
+        RenderStats {
+            samples: self.samples,
+            bytes: self.plan.bytes,
+            passes: self.gpu.timings.totals(),
+            ..self.stats.clone()
+        }
+    }
+}
+
+/// Returns the radius of a camera's lens and its focus distance, in metres. The radius of pinhole and
+/// orthographic cameras is 0.
+fn lens_of(camera: &Camera) -> [f32; 2] {
+    let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
+    lens.map_or([0.0, 1.0], |l| [l.radius, l.focus])
+}
+
+/// Checks that the device can bind the data of the scene's lights.
+fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError> {
+    let limit = gpu.capabilities.max_storage_bytes;
+    if bytes as u64 <= limit {
+        return Ok(());
+    }
+    let text = format!(
+        "{what} needs a binding of {bytes} bytes; the adapter's limit is {limit}; use --light-sampling power, fewer lights \
+         or --method reference"
+    );
+    Err(GpuError::Device(text).into())
+}
+
+/// Returns the fixed-point units of splats per unit of radiance: a power of two, with 32 fractional bits for
+/// the scene's mean radiance and 31 bits above it.
+fn splat_scale(power: f32, radius: f32) -> f32 {
+    let mean = f64::from(power) / (4.0 * std::f64::consts::PI.powi(2) * f64::from(radius).powi(2));
+    if mean > 0.0 && mean.is_finite() { (32.0 - mean.log2().round()).clamp(-90.0, 90.0).exp2() as f32 } else { 1.0 }
+}

@@ -1,0 +1,261 @@
+//! Uploads a scene's geometry, materials, textures and lights to the buffers of group 0
+//! (shaders/lib/scene/scene.wesl).
+
+use glam::Vec3;
+
+use crate::gpu::{Flag, Gpu, GpuError};
+use crate::render::layouts;
+use crate::render::lights::table::LightTable;
+use crate::render::upload::materials::material;
+use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
+use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
+use crate::render::visibility::acceleration::Acceleration;
+use crate::render::visibility::view::PROJECTED_TRIANGLE_BYTES;
+use crate::scene::{Geometry, Material, Scene};
+
+/// The scene on the device.
+pub struct GpuScene {
+    /// Number of triangles, including the degenerate ones that fill the capacity.
+    pub triangles: u32,
+    capacity: Capacity,
+    /// Bounding box, metres.
+    pub bounds: [Vec3; 2],
+    /// Bytes of buffers and textures.
+    pub bytes: u64,
+    /// The scene's materials, to compare with those of another pose.
+    source: Vec<Material>,
+    /// Positions of vertices, 16 bytes each, for raster passes and for building acceleration structures.
+    pub positions: wgpu::Buffer,
+    /// Acceleration structures, if built by [`Self::accelerate`].
+    acceleration: Option<Acceleration>,
+    /// Attributes of vertices other than positions.
+    pub attributes: wgpu::Buffer,
+    triangle_buffer: wgpu::Buffer,
+    materials: wgpu::Buffer,
+    textures: Option<Textures>,
+    /// True if vertices have tangents and texture coordinates.
+    textured: bool,
+    environment_map: Option<wgpu::TextureView>,
+    sphere: (Vec3, f32),
+    lighting: wgpu::Buffer,
+    /// Tables of lights by their names in shaders, without empty ones.
+    tables: Vec<(&'static str, wgpu::Buffer)>,
+}
+
+/// Names of the tables of lights, which may be empty.
+const TABLES: [&str; 5] = ["lights", "light_sums", "emitters", "patterns", "sky_table"];
+
+impl GpuScene {
+    /// Uploads the data that shaders with these flags declare. An empty scene becomes one degenerate
+    /// triangle, which rays cannot hit. Declared resources that the scene lacks are placeholders of least
+    /// size: black maps, and lights without power.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] if the scene exceeds a limit of the adapter.
+    pub fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        geometry: &Geometry,
+        lights: &LightTable,
+        flags: &[Flag],
+    ) -> Result<Self, GpuError> {
+        let textured = flags.contains(&Flag::Textures);
+        let limit = gpu.capabilities.max_storage_bytes;
+        let capacity = Capacity::new(scene, geometry);
+        let largest = (capacity.vertices * layouts::Attributes::bytes(textured))
+            .max(capacity.triangles * PROJECTED_TRIANGLE_BYTES as usize) as u64;
+        if largest > limit {
+            return Err(GpuError::Device(format!(
+                "the scene has {} triangles and {} vertices, which need a binding of {largest} bytes; the adapter's limit is \
+                 {limit}; simplify the scene or use --method reference",
+                geometry.triangles.len(),
+                geometry.vertices.len()
+            )));
+        }
+        let largest = size_of_val(lights.records.as_slice()) as u64;
+        if largest > limit {
+            return Err(GpuError::Device(format!(
+                "the scene has {} lights, which need a binding of {largest} bytes; the adapter's limit is {limit}; use fewer or \
+                 --method reference",
+                lights.count()
+            )));
+        }
+        let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
+        let mut atlas = Atlas::new(gpu, scene)?;
+        let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
+        if materials.is_empty() {
+            materials.push(layouts::Material::default());
+        }
+        let lighting = gpu.uniform::<layouts::Lighting>("lighting");
+        gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
+        let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
+        let environment_map = map.map(|map| upload_map(gpu, map)).transpose()?;
+        let attributes = gpu.upload("attributes", &attributes);
+        let triangle_buffer = gpu.upload("triangles", &triangles);
+        let materials = gpu.upload("materials", &materials);
+        let tables: Vec<_> = tables_of(lights).map(|(name, data)| (name, gpu.upload(name, data))).collect();
+        let positions = upload_positions(gpu, &positions);
+        let mut bytes =
+            [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
+        bytes += tables.iter().map(|(_, table)| table.size()).sum::<u64>();
+        bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
+        let textures = atlas.finish(gpu);
+        bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
+        let mut this = Self {
+            triangles: triangles.len() as u32,
+            capacity,
+            source: scene.materials.clone(),
+            bounds: geometry.bounds,
+            sphere: geometry.sphere(),
+            bytes,
+            positions,
+            acceleration: None,
+            attributes,
+            triangle_buffer,
+            materials,
+            textures,
+            environment_map,
+            lighting,
+            tables,
+            textured,
+        };
+        this.add_placeholders(gpu, flags);
+        Ok(this)
+    }
+
+    /// Adds placeholders for resources that shaders with these flags declare and the scene lacks.
+    fn add_placeholders(&mut self, gpu: &Gpu, flags: &[Flag]) {
+        for name in TABLES {
+            let is_declared = match name {
+                "emitters" => flags.contains(&Flag::Emission),
+                "patterns" => flags.contains(&Flag::Patterns),
+                "sky_table" => flags.contains(&Flag::EnvironmentMap),
+                _ => [Flag::Punctual, Flag::Emission, Flag::Environment].iter().any(|flag| flags.contains(flag)),
+            };
+            if is_declared && !self.tables.iter().any(|(present, _)| *present == name) {
+                self.tables.push((name, gpu.storage(name, 256)));
+            }
+        }
+        if flags.contains(&Flag::EnvironmentMap) {
+            self.environment_map.get_or_insert_with(|| {
+                let texel = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [1, 1, 1]);
+                texel.create_view(&Default::default())
+            });
+        }
+        if flags.contains(&Flag::Textures) && self.textures.is_none() {
+            let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
+            self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
+        }
+    }
+
+    /// Returns the flags of shaders that write vertices.
+    #[must_use]
+    pub fn vertex_flags(&self) -> &'static [Flag] {
+        if self.textured { &[Flag::Textures] } else { &[] }
+    }
+
+    /// Returns the bindings of group 0 and of ray queries, followed by those of a pass.
+    #[must_use]
+    pub fn with<'a>(
+        &'a self,
+        own: &[(&'a str, wgpu::BindingResource<'a>)],
+    ) -> Vec<(&'a str, wgpu::BindingResource<'a>)> {
+        let mut all = vec![
+            ("positions", self.positions.as_entire_binding()),
+            ("attributes", self.attributes.as_entire_binding()),
+            ("triangles", self.triangle_buffer.as_entire_binding()),
+            ("materials", self.materials.as_entire_binding()),
+            ("lighting", self.lighting.as_entire_binding()),
+        ];
+        if let Some(textures) = &self.textures {
+            all.extend([
+                ("texture_uses", textures.uses.as_entire_binding()),
+                ("texels", wgpu::BindingResource::TextureView(&textures.texels)),
+                ("texels_srgb", wgpu::BindingResource::TextureView(&textures.texels_srgb)),
+                ("bilinear", wgpu::BindingResource::Sampler(&textures.bilinear)),
+            ]);
+        }
+        all.extend(self.environment_map.iter().map(|m| ("environment_map", wgpu::BindingResource::TextureView(m))));
+        all.extend(self.tables.iter().map(|(name, table)| (*name, table.as_entire_binding())));
+        all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
+        all.extend_from_slice(own);
+        all
+    }
+
+    /// True if the buffers can hold another pose of the scene: the materials and the numbers of lights are
+    /// the same, and vertices and triangles fit the capacity.
+    #[must_use]
+    pub fn fits(&self, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> bool {
+        let same_size =
+            |buffer: &wgpu::Buffer, data: &[u8]| buffer.size() == (data.len() as u64).next_multiple_of(16).max(16);
+        let tables: Vec<_> = tables_of(lights).collect();
+        scene.materials == self.source
+            && self.capacity.holds(geometry)
+            && self.tables.len() == tables.len()
+            && self.tables.iter().zip(tables).all(|((name, table), (n, data))| *name == n && same_size(table, data))
+    }
+
+    /// Uploads the triangles, lights and bounds of another pose that [fits](Self::fits). `refined` is true if
+    /// the tessellated triangles differ. Vertices and acceleration structures are not updated.
+    pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, refined: bool, lights: &LightTable) {
+        let plain = geometry.triangles.len() - geometry.tessellated;
+        let triangles = if refined {
+            triangles(geometry, self.capacity.triangles)
+        } else {
+            triangles_of(geometry).take(plain).collect()
+        };
+        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles));
+        self.relight(gpu, lights);
+        (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
+    }
+
+    /// Uploads new positions and probabilities of the same lights.
+    pub fn relight(&self, gpu: &Gpu, lights: &LightTable) {
+        gpu.queue.write_buffer(&self.lighting, 0, bytemuck::bytes_of(&lights.lighting));
+        for (name, data) in tables_of(lights) {
+            for (_, table) in self.tables.iter().filter(|(present, _)| *present == name) {
+                gpu.queue.write_buffer(table, 0, data);
+            }
+        }
+    }
+
+    /// Builds the acceleration structures for ray queries.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] if the device was opened without ray queries.
+    pub fn accelerate(&mut self, gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<(), GpuError> {
+        if !gpu.capabilities.ray_queries {
+            return Err(GpuError::Device("it was opened without ray queries".to_owned()));
+        }
+        self.acceleration = Some(Acceleration::new(gpu, &self.positions, scene, geometry));
+        Ok(())
+    }
+
+    /// Returns center and radius of the scene's bounding sphere, in metres.
+    #[must_use]
+    pub fn sphere(&self) -> (Vec3, f32) {
+        self.sphere
+    }
+}
+
+/// Returns the tables of lights by their names in shaders, without empty ones.
+fn tables_of(lights: &LightTable) -> impl Iterator<Item = (&'static str, &[u8])> {
+    let bytes: [&[u8]; 5] = [
+        // Without lights the table holds one record that is never chosen.
+        bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records }),
+        bytemuck::cast_slice(&lights.sums),
+        bytemuck::cast_slice(&lights.emitters),
+        bytemuck::cast_slice(&lights.patterns),
+        bytemuck::cast_slice(&lights.sky_shares),
+    ];
+    TABLES.into_iter().zip(bytes).filter(|(_, data)| !data.is_empty())
+}
+
+/// Uploads positions, to a buffer that acceleration structures can be built from if the device has ray
+/// queries.
+fn upload_positions(gpu: &Gpu, positions: &[[f32; 4]]) -> wgpu::Buffer {
+    if !gpu.capabilities.ray_queries {
+        return gpu.upload("positions", positions);
+    }
+    gpu.upload_for_building("positions", positions, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC)
+}

@@ -1,0 +1,10 @@
+//! The scene on the device: buffers and textures, and the passes that deform and tessellate meshes.
+
+pub mod deform;
+pub mod deformation;
+pub mod gpu_scene;
+mod materials;
+pub mod rest_mesh;
+pub mod tessellate;
+mod textures;
+mod vertices;

@@ -1,0 +1,398 @@
+//! BSDFs: conversion of Mitsuba's plugins to the data model, with substitutes for unsupported ones.
+//!
+//! A plain BSDF reflects on its front only (`Sides::One`). `twosided` around it makes both sides reflect;
+//! `mask`, `bumpmap` and `normalmap` add an alpha test or a normal map. Dielectrics are the same with or
+//! without `twosided`; `null` is cut out by an alpha test, so that light passes.
+
+use glam::Vec3;
+
+use super::Loader;
+use super::spectra::Use;
+use super::textures::is_texture;
+use super::values::Plugin;
+use super::xml::Element;
+use super::{metals, textures};
+use crate::scene::{
+    AlphaMask, Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Scalar, Sides, Texture,
+    TextureRef,
+};
+
+/// Maximum nesting depth of BSDFs.
+const MAX_NESTING: usize = 16;
+
+/// The Y axis of a normal map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum NormalMapBasis {
+    /// Y is normal x tangent for any mapping of the mesh, as in Mitsuba.
+    RightHanded,
+    /// Y points up the image.
+    ImageUp,
+}
+
+/// A material before its assignment to a mesh.
+#[derive(Clone, Debug)]
+pub(super) struct Surface {
+    pub material: Material,
+    /// Axes of the normal map, if there is one.
+    pub basis: Option<NormalMapBasis>,
+    /// True for a bump map: its slopes are per unit of uv, so its scale has to be divided by the metres per
+    /// unit of uv.
+    pub bump: bool,
+}
+
+impl<'a> Loader<'a> {
+    /// Converts a `bsdf` element.
+    pub(super) fn surface(&mut self, element: &'a Element) -> Result<Surface, LoadError> {
+        self.surface_at(element, 0)
+    }
+
+    fn surface_at(&mut self, element: &'a Element, depth: usize) -> Result<Surface, LoadError> {
+        if depth > MAX_NESTING {
+            return Err(element.error("bsdfs are nested too deep; does one contain itself?"));
+        }
+        let plugin = self.plugin(element)?;
+        let kind = element.plugin();
+        let mut surface = match kind {
+            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf"
+            | "mixturebsdf" => self.wrapper(&plugin, kind, depth)?,
+            _ => {
+                let bsdf = self.plain(&plugin, kind)?;
+                let name = element.attribute("id").unwrap_or(kind).to_owned();
+                let plain = Material::diffuse(name, Vec3::ONE);
+                let alpha_mask = (kind == "null").then(|| AlphaMask { value: 0.0.into(), cutoff: 0.5 });
+                let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
+                let material = Material { bsdf, alpha_mask, boundary, sides: Sides::One, ..plain };
+                Surface { material, basis: None, bump: false }
+            }
+        };
+        self.finish(&plugin);
+        if let Some(id) = element.attribute("id") {
+            id.clone_into(&mut surface.material.name);
+        }
+        Ok(surface)
+    }
+
+    /// Converts a BSDF that contains another one.
+    fn wrapper(&mut self, plugin: &Plugin<'a>, kind: &str, depth: usize) -> Result<Surface, LoadError> {
+        let element = plugin.element;
+        let nested = plugin.nested("bsdf");
+        let Some(&first) = nested.first() else {
+            return Err(element.error(format!("`{kind}` needs a bsdf inside")));
+        };
+        let mut chosen = first;
+        match kind {
+            "blendbsdf" => {
+                let weight = match plugin.get("weight") {
+                    Some(weight) if !is_texture(weight) => plugin.float("weight")?.unwrap_or(0.5),
+                    _ => 0.5,
+                };
+                chosen = nested[usize::from(weight > 0.5).min(nested.len() - 1)];
+                self.warn(format!("{}: blends are not supported; the heavier part is drawn alone", element.title()));
+            }
+            "mixturebsdf" => {
+                let weights =
+                    plugin.string("weights")?.map(|text| super::values::numbers(element, text)).transpose()?;
+                let weights = weights.unwrap_or_default();
+                let heavier = |a: &usize, b: &usize| weights[*a].total_cmp(&weights[*b]);
+                let heaviest = (0..weights.len().min(nested.len())).max_by(heavier).unwrap_or(0);
+                chosen = nested[heaviest];
+                self.warn(format!("{}: mixtures are not supported; the heaviest part is drawn alone", element.title()));
+            }
+            "coating" | "roughcoating" => {
+                plugin.ignore(&[
+                    "int_ior",
+                    "ext_ior",
+                    "thickness",
+                    "alpha",
+                    "sigma_a",
+                    "distribution",
+                    "specular_reflectance",
+                ]);
+                self.warn(format!("{}: coatings are not supported; the base is drawn without it", element.title()));
+            }
+            "twosided" if nested.len() > 1 => {
+                self.warn(format!("{}: both sides are drawn with the front's bsdf", element.title()));
+            }
+            _ if nested.len() > 1 => return Err(element.error(format!("`{kind}` has more than one bsdf inside"))),
+            _ => {}
+        }
+        let mut surface = self.surface_at(chosen, depth + 1)?;
+        match kind {
+            "twosided" => surface.material.sides = Sides::Two,
+            "mask" => self.mask(plugin, &mut surface)?,
+            "normalmap" => self.normal_map(plugin, &mut surface)?,
+            "bumpmap" => self.bump_map(plugin, &mut surface)?,
+            _ => {}
+        }
+        Ok(surface)
+    }
+
+    fn mask(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
+        let value = self.opacity(plugin)?;
+        let partial = match value.texture {
+            None => value.factor > 0.0 && value.factor < 1.0,
+            Some((texture, channel)) => {
+                let image = &self.scene.images[self.scene.textures[texture.texture].image];
+                image.texels.iter().any(|t| !matches!(t[channel as usize], 0 | 255))
+            }
+        };
+        if partial {
+            self.warn(format!(
+                "{}: opacities are cut at 0.5, partly opaque places are drawn as all or nothing",
+                plugin.element.title()
+            ));
+        }
+        if surface.material.alpha_mask.is_none() {
+            surface.material.alpha_mask = Some(AlphaMask { value, cutoff: 0.5 });
+        }
+        Ok(())
+    }
+
+    fn normal_map(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
+        plugin.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
+        let element = match plugin.get("normalmap") {
+            Some(element) => element,
+            None => {
+                *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a normalmap needs a texture"))?
+            }
+        };
+        let color = self.color_texture(element, Use::Unbounded)?;
+        if let Some(texture) = color.texture {
+            let sampler = &self.scene.textures[texture.texture];
+            if sampler.srgb {
+                self.warn(format!(
+                    "{}: the texture is read as raw numbers, as a normal map has to be",
+                    plugin.element.title()
+                ));
+            }
+            let sampler = Texture { srgb: false, ..self.scene.textures[texture.texture].clone() };
+            self.scene.textures.push(sampler);
+            let texture = TextureRef { texture: self.scene.textures.len() - 1, ..texture };
+            surface.material.normal_map = Some(NormalMap { texture, scale: 1.0 });
+            surface.basis = Some(NormalMapBasis::RightHanded);
+            surface.bump = false;
+        }
+        Ok(())
+    }
+
+    /// Bakes a height field into a normal map of its slopes per unit of uv.
+    fn bump_map(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
+        plugin.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
+        let texture =
+            *plugin.nested("texture").first().ok_or_else(|| plugin.element.error("a bumpmap needs a texture"))?;
+        let scale = plugin.float("scale")?.unwrap_or(1.0);
+        let Some(heights) = self.heights(texture)? else { return Ok(()) };
+        let (image, steepest) = slopes(&heights);
+        if steepest == 0.0 {
+            return Ok(());
+        }
+        self.scene.images.push(image);
+        let sampler = Texture {
+            image: self.scene.images.len() - 1,
+            wrap: heights.wrap,
+            filter: crate::scene::Filter::Linear,
+            srgb: false,
+        };
+        self.scene.textures.push(sampler);
+        let texture = TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, transform: heights.transform };
+        // The factor converts units of the surface's uv to units of the image's uv.
+        let per_uv = heights.transform.matrix2.determinant().abs().sqrt();
+        surface.material.normal_map = Some(NormalMap { texture, scale: steepest * scale * per_uv });
+        surface.basis = Some(NormalMapBasis::ImageUp);
+        surface.bump = true;
+        self.warn("bump maps are drawn as normal maps, with one scale for each mesh");
+        Ok(())
+    }
+
+    /// Converts a BSDF that contains no other.
+    fn plain(&mut self, plugin: &Plugin<'a>, kind: &str) -> Result<Bsdf, LoadError> {
+        match kind {
+            "diffuse" | "roughdiffuse" | "difftrans" | "lambertian" => {
+                if kind == "roughdiffuse" || kind == "difftrans" {
+                    plugin.ignore(&["alpha", "use_fast_approx", "transmittance"]);
+                    self.warn(format!("{}: `{kind}` is drawn as diffuse", plugin.element.title()));
+                }
+                let color = match self.color_parameter(plugin, "reflectance")? {
+                    Some(color) => Some(color),
+                    None => self.color_parameter(plugin, "diffuse_reflectance")?,
+                };
+                Ok(Bsdf::Diffuse { reflectance: color.unwrap_or(grey(0.5)) })
+            }
+            "conductor" | "roughconductor" => self.conductor(plugin, kind == "roughconductor"),
+            "plastic" | "roughplastic" => self.plastic(plugin, kind == "roughplastic"),
+            "phong" => {
+                // The GGX lobe has the same width as the lobe cos^n: alpha^2 = 2 / (n + 2), as for Beckmann.
+                let exponent = plugin.float("exponent")?.unwrap_or(30.0).max(0.0);
+                self.warn(format!("{}: `phong` is drawn as rough plastic of like width", plugin.element.title()));
+                Ok(Bsdf::Plastic {
+                    alpha: (2.0 / (exponent + 2.0)).sqrt().into(),
+                    diffuse: self.color_parameter(plugin, "diffuse_reflectance")?.unwrap_or(grey(0.5)),
+                    specular: self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(0.2)),
+                    eta: 1.49,
+                    nonlinear: false,
+                })
+            }
+            "principled" => self.principled(plugin),
+            "dielectric" | "thindielectric" => self.dielectric(plugin, 0.0.into()),
+            "roughdielectric" => {
+                let alpha = self.alpha(plugin)?;
+                self.dielectric(plugin, alpha)
+            }
+            "null" => Ok(Bsdf::Diffuse { reflectance: grey(0.0) }),
+            _ => {
+                self.warn(format!(
+                    "{}: bsdfs of type `{kind}` are not supported; grey 0.5 is drawn instead",
+                    plugin.element.title()
+                ));
+                Ok(Bsdf::Diffuse { reflectance: grey(0.5) })
+            }
+        }
+    }
+
+    fn conductor(&mut self, plugin: &Plugin<'a>, rough: bool) -> Result<Bsdf, LoadError> {
+        let fresnel = if plugin.get("eta").is_some() || plugin.get("k").is_some() {
+            plugin.ignore(&["material"]);
+            let outside = self.outside_index(plugin, "ext_eta")?;
+            let part = |name: &str, missing: f32| -> Result<Vec3, LoadError> {
+                let value = plugin.color(name, Use::Unbounded, &self.folders)?;
+                Ok(value.unwrap_or(Vec3::splat(missing)).max(Vec3::ZERO) / outside)
+            };
+            Fresnel::Conductor { eta: part("eta", 0.0)?, k: part("k", 1.0)? }
+        } else {
+            plugin.ignore(&["ext_eta"]);
+            // The default of Mitsuba 3 is a perfect mirror, that of 0.5 is copper.
+            let missing = if plugin.element.legacy { "Cu" } else { "none" };
+            let name = plugin.string("material")?.unwrap_or(missing);
+            match metals::metal(name) {
+                Some(fresnel) => fresnel,
+                None => {
+                    self.warn(format!(
+                        "{}: the metal `{name}` is not in the table; chromium is drawn instead",
+                        plugin.element.title()
+                    ));
+                    metals::metal("Cr").unwrap_or(Fresnel::None)
+                }
+            }
+        };
+        let alpha = if rough { self.alpha(plugin)? } else { 0.0.into() };
+        let specular = self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(1.0));
+        Ok(Bsdf::Conductor { alpha, fresnel, specular })
+    }
+
+    fn dielectric(&mut self, plugin: &Plugin<'a>, alpha: Scalar) -> Result<Bsdf, LoadError> {
+        let inside = self.index(plugin, "int_ior", 1.5046)?;
+        let outside = self.index(plugin, "ext_ior", 1.000_277)?;
+        Ok(Bsdf::Dielectric {
+            alpha,
+            eta: inside / outside,
+            reflection: self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(1.0)),
+            transmission: self.color_parameter(plugin, "specular_transmittance")?.unwrap_or(grey(1.0)),
+        })
+    }
+
+    fn plastic(&mut self, plugin: &Plugin<'a>, rough: bool) -> Result<Bsdf, LoadError> {
+        let inside = self.index(plugin, "int_ior", 1.49)?;
+        let outside = self.index(plugin, "ext_ior", 1.000_277)?;
+        Ok(Bsdf::Plastic {
+            alpha: if rough { self.alpha(plugin)? } else { 0.0.into() },
+            diffuse: self.color_parameter(plugin, "diffuse_reflectance")?.unwrap_or(grey(0.5)),
+            specular: self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(1.0)),
+            eta: inside / outside,
+            nonlinear: plugin.boolean("nonlinear")?.unwrap_or(false),
+        })
+    }
+
+    /// Converts Mitsuba 3's `principled`: its base is glTF's model; the other lobes are omitted.
+    fn principled(&mut self, plugin: &Plugin<'a>) -> Result<Bsdf, LoadError> {
+        let specular = plugin.float("specular")?;
+        // Disney's `specular` is F0 / 0.08, and F0 = ((eta - 1) / (eta + 1))^2.
+        let root = (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt();
+        let ior = plugin.float("eta")?.unwrap_or((1.0 + root) / (1.0 - root));
+        Ok(Bsdf::MetallicRoughness {
+            base_color: self.color_parameter(plugin, "base_color")?.unwrap_or(grey(0.5)),
+            metallic: self.scalar_parameter(plugin, "metallic")?.unwrap_or(0.0.into()),
+            roughness: self.scalar_parameter(plugin, "roughness")?.unwrap_or(0.5.into()),
+            ior: ior.max(1.0),
+            specular: 1.0.into(),
+            specular_color: grey(1.0),
+            transmission: 0.0.into(),
+        })
+    }
+
+    /// Returns the width of a microfacet lobe; Mitsuba's default is 0.1.
+    fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
+        plugin.ignore(&["sample_visible"]);
+        // Mitsuba's default distribution is Beckmann.
+        if plugin.string("distribution")? != Some("ggx") {
+            self.warn("microfacets other than GGX are drawn as GGX of the same width");
+        }
+        let [u, v] = [self.scalar_parameter(plugin, "alpha_u")?, self.scalar_parameter(plugin, "alpha_v")?];
+        let alpha = match (u, v) {
+            (Some(u), Some(v)) => {
+                if u != v {
+                    self.warn("anisotropic lobes are drawn isotropic, as wide as the geometric mean");
+                }
+                Scalar { factor: (u.factor * v.factor).max(0.0).sqrt(), texture: u.texture.or(v.texture) }
+            }
+            (Some(one), None) | (None, Some(one)) => one,
+            (None, None) => self.scalar_parameter(plugin, "alpha")?.unwrap_or(0.1.into()),
+        };
+        if alpha.factor < 0.0 || alpha.factor > 1.0 {
+            self.warn(format!("{}: alpha {} is taken as the nearest in [0, 1]", plugin.element.title(), alpha.factor));
+        }
+        Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
+    }
+
+    /// Returns an index of refraction, given as a number or a name.
+    fn index(&mut self, plugin: &Plugin<'a>, name: &str, missing: f32) -> Result<f32, LoadError> {
+        let value = match plugin.get(name) {
+            None => missing,
+            Some(element) if element.tag == "string" => {
+                let text = element.required("value")?;
+                metals::index_of_refraction(text)
+                    .ok_or_else(|| element.error(format!("no material is called `{text}`; give a number")))?
+            }
+            Some(element) => super::values::number(element)?,
+        };
+        if value > 0.0 { Ok(value) } else { Err(plugin.element.error(format!("{name} has to be positive"))) }
+    }
+
+    fn outside_index(&mut self, plugin: &Plugin<'a>, name: &str) -> Result<f32, LoadError> {
+        self.index(plugin, name, 1.0)
+    }
+}
+
+/// Returns the normal map of a height field, and the steepest slope, by which its xy is divided.
+///
+/// Slopes are central differences per unit of the image's own uv. A surface at height h has the normal -h_u
+/// along u and -h_v along v; v runs down the image and the map's Y runs up, so y is +h_v.
+fn slopes(heights: &textures::Heights) -> (Image, f32) {
+    let (width, height) = (heights.width as i64, heights.height as i64);
+    let wrap = |i: i64, n: i64, mode: crate::scene::Wrap| match mode {
+        crate::scene::Wrap::Repeat => i.rem_euclid(n),
+        crate::scene::Wrap::Mirror | crate::scene::Wrap::Clamp => i.clamp(0, n - 1),
+    };
+    let at = |x: i64, y: i64| {
+        heights.values[(wrap(y, height, heights.wrap[1]) * width + wrap(x, width, heights.wrap[0])) as usize]
+    };
+    let slope = |x: i64, y: i64| {
+        [-(at(x + 1, y) - at(x - 1, y)) * 0.5 * width as f32, (at(x, y + 1) - at(x, y - 1)) * 0.5 * height as f32]
+    };
+    let texels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    let steepest = texels().flat_map(|(x, y)| slope(x, y)).fold(0.0_f32, |m, s| m.max(s.abs()));
+    let encode = |(x, y): (i64, i64)| {
+        let [u, v] = slope(x, y).map(|s| s / steepest.max(f32::MIN_POSITIVE));
+        let normal = Vec3::new(u, v, 1.0).normalize();
+        let [r, g, b] = (normal * 0.5 + 0.5).to_array().map(|c| (c * 255.0).round() as u8);
+        [r, g, b, 255]
+    };
+    let texels = texels().map(encode).collect();
+    (
+        Image { name: format!("{}, slopes", heights.name), width: heights.width, height: heights.height, texels },
+        steepest,
+    )
+}
+
+fn grey(value: f32) -> Color {
+    Color::from(Vec3::splat(value))
+}

@@ -1,0 +1,116 @@
+//! Mitsuba scenes: XML of the dialects 0.5/0.6 and 2/3.
+//!
+//! [`load`] reads the XML into one tree (`xml`), then walks the root's children: `sensors`, `shapes` (with
+//! the mesh files `ply`, `obj` and `serialized`), `bsdfs` with `textures` and `metals`, `emitters`. Values
+//! are read by `values` and `spectra`; unused parameters are named in a warning. The settings of integrator
+//! and sampler are ignored, because the command line sets them. A scene without sensor or light is returned
+//! unchanged.
+//!
+//! Source: the plugin documentation of Mitsuba 0.6 and Mitsuba 3.
+
+mod bsdfs;
+mod emitters;
+mod metals;
+mod obj;
+mod ply;
+mod sensors;
+mod serialized;
+mod shapes;
+pub(in crate::scene) mod spectra;
+mod tessellation;
+mod textures;
+mod values;
+mod xml;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::scene::{Instance, LoadError, Scene};
+use values::{Ids, Plugin};
+use xml::Element;
+
+/// Loads a scene file and everything that it refers to.
+///
+/// # Errors
+/// A file that is missing or malformed, a dangling reference and a value out of range are errors; the message
+/// names the file and the line.
+pub fn load(path: &Path) -> Result<Scene, LoadError> {
+    let tree = xml::read(path)?;
+    let mut loader = Loader {
+        ids: xml::ids(&tree.root)?,
+        folders: tree.folders.clone(),
+        scene: Scene { name: path.display().to_string(), ..Scene::default() },
+        materials: HashMap::new(),
+        images: HashMap::new(),
+        groups: HashMap::new(),
+        triangles: 0,
+    };
+    for element in &tree.root.children {
+        loader.top_level(element)?;
+    }
+    // Mitsuba's materials use vertex colours only if a texture refers to them by name.
+    loader.scene.meshes.iter_mut().for_each(|mesh| mesh.colors.clear());
+    Ok(loader.scene)
+}
+
+/// State of the loader. Elements are identified by their address.
+struct Loader<'a> {
+    ids: Ids<'a>,
+    folders: Vec<PathBuf>,
+    scene: Scene,
+    /// Materials by BSDF and emitter.
+    materials: HashMap<[Option<*const Element>; 2], shapes::ShapeMaterial>,
+    images: HashMap<PathBuf, usize>,
+    groups: HashMap<*const Element, Vec<Instance>>,
+    /// Number of world-space triangles, counted once per instance.
+    triangles: usize,
+}
+
+impl<'a> Loader<'a> {
+    fn top_level(&mut self, element: &'a Element) -> Result<(), LoadError> {
+        match element.tag.as_str() {
+            "shape" => self.shape(element),
+            "sensor" | "camera" => self.sensor(element),
+            "emitter" | "luminaire" => self.emitter(element),
+            // These are read when a shape refers to them.
+            "bsdf" | "texture" | "spectrum" | "rgb" | "srgb" => Ok(()),
+            "integrator" => {
+                if self.plugin(element)?.boolean("hide_emitters")? == Some(true) {
+                    self.warn("hide_emitters is ignored: the camera sees lights and sky");
+                }
+                Ok(())
+            }
+            "sampler" | "film" | "alias" | "ref" | "string" | "integer" | "float" | "boolean" => Ok(()),
+            "medium" | "volume" | "phase" | "subsurface" => {
+                self.warn(format!("{}: participating media are not supported; it is left out", element.title()));
+                Ok(())
+            }
+            tag => {
+                self.warn(format!("<{tag}> ({}) is not known and is left out", element.place()));
+                Ok(())
+            }
+        }
+    }
+
+    fn plugin(&self, element: &'a Element) -> Result<Plugin<'a>, LoadError> {
+        Plugin::new(element, &self.ids)
+    }
+
+    fn warn(&mut self, warning: impl Into<String>) {
+        self.scene.warn(warning);
+    }
+
+    /// Adds a warning with the unused parameters.
+    fn finish(&mut self, plugin: &Plugin) {
+        let unused = plugin.unused();
+        if !unused.is_empty() {
+            let plugin_name = plugin.element.plugin();
+            self.warn(format!("`{plugin_name}`: not supported and ignored: {}", unused.join(", ")));
+        }
+    }
+
+    /// Finds a file that an element refers to.
+    fn resolve(&self, element: &Element, name: &str) -> Result<PathBuf, LoadError> {
+        xml::resolve(element, name, &self.folders)
+    }
+}

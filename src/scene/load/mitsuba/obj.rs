@@ -1,0 +1,109 @@
+//! OBJ meshes: positions, normals, texture coordinates, polygons and the names of their materials, whose
+//! files are not read.
+//!
+//! This is not a crate's parser, so that every error names its line and corners may omit attributes that
+//! others have.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use glam::{Vec2, Vec3};
+
+use crate::scene::{LoadError, Mesh};
+
+/// Position, texture coordinate and normal index of a corner.
+type Corner = [Option<u32>; 3];
+
+/// Parses a mesh; v points up as in the file. Polygons are split into fans.
+///
+/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero. The result
+/// includes the material names, each with its first triangle; a material extends to the next one's first
+/// triangle.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
+    let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
+    let mut corners: Vec<Corner> = Vec::new();
+    let mut vertices: HashMap<Corner, u32> = HashMap::new();
+    let mut mesh = Mesh::default();
+    let mut polygon: Vec<u32> = Vec::new();
+    let mut materials = Vec::new();
+    for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
+        let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
+        // Names may be in any encoding; numbers are ASCII.
+        let line = String::from_utf8_lossy(line);
+        let mut words = line.split('#').next().unwrap_or_default().split_whitespace();
+        let floats = |words: std::str::SplitWhitespace| -> Result<[f32; 3], LoadError> {
+            let mut out = [0.0_f32; 3];
+            let mut count = 0;
+            for (slot, word) in out.iter_mut().zip(words) {
+                *slot = word.parse().map_err(|_| error(format!("`{word}` is not a number")))?;
+                if !slot.is_finite() {
+                    return Err(error(format!("`{word}` is not finite")));
+                }
+                count += 1;
+            }
+            let needed = if line.trim_start().starts_with("vt") { 1 } else { 3 };
+            if count < needed { Err(error(format!("{needed} numbers are expected, not {count}"))) } else { Ok(out) }
+        };
+        match words.next() {
+            Some("v") => positions.push(floats(words)?.into()),
+            Some("vn") => normals.push(Vec3::from(floats(words)?).normalize_or_zero()),
+            Some("vt") => {
+                let [u, v, _] = floats(words)?;
+                uvs.push(Vec2::new(u, v));
+            }
+            Some("f") => {
+                polygon.clear();
+                for word in words {
+                    let counts = [positions.len(), uvs.len(), normals.len()];
+                    let corner = corner(word, counts).map_err(&error)?;
+                    let next = corners.len() as u32;
+                    let index = *vertices.entry(corner).or_insert(next);
+                    if index == next {
+                        if next == u32::MAX {
+                            return Err(error("the mesh has more corners than 32 bits can count".to_owned()));
+                        }
+                        corners.push(corner);
+                    }
+                    polygon.push(index);
+                }
+                if polygon.len() < 3 {
+                    return Err(error(format!("a face with {} corners", polygon.len())));
+                }
+                mesh.triangles.extend(polygon[1..].windows(2).map(|pair| [polygon[0], pair[0], pair[1]]));
+            }
+            Some("usemtl") => materials.push((words.collect::<Vec<_>>().join(" "), mesh.triangles.len())),
+            _ => {}
+        }
+    }
+    let position = |c: &Corner| c[0].map_or(Vec3::ZERO, |i| positions[i as usize]);
+    mesh.positions = corners.iter().map(position).collect();
+    if corners.iter().any(|c| c[1].is_some()) {
+        mesh.uvs[0] = corners.iter().map(|c| c[1].map_or(Vec2::ZERO, |i| uvs[i as usize])).collect();
+    }
+    if !corners.is_empty() && corners.iter().all(|c| c[2].is_some()) {
+        mesh.normals = corners.iter().filter_map(|c| c[2].map(|i| normals[i as usize])).collect();
+    }
+    Ok((mesh, materials))
+}
+
+/// Parses `position/uv/normal` with one-based indices, of which negative ones count back from the latest.
+fn corner(word: &str, counts: [usize; 3]) -> Result<Corner, String> {
+    let mut corner = [None; 3];
+    let mut parts = word.split('/');
+    for ((slot, count), name) in corner.iter_mut().zip(counts).zip(["vertex", "texture coordinate", "normal"]) {
+        let Some(part) = parts.next() else { break };
+        if part.is_empty() {
+            continue;
+        }
+        let index: i64 = part.parse().map_err(|_| format!("`{word}` is not a corner"))?;
+        let from_zero = if index < 0 { count as i64 + index } else { index - 1 };
+        if !(0..count.min(u32::MAX as usize) as i64).contains(&from_zero) {
+            return Err(format!("refers to {name} {index} of {count}"));
+        }
+        *slot = Some(from_zero as u32);
+    }
+    if corner[0].is_none() || parts.next().is_some() {
+        return Err(format!("`{word}` is not a corner"));
+    }
+    Ok(corner)
+}

@@ -1,0 +1,195 @@
+//! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates, colours and
+//! polygons.
+
+use std::path::Path;
+
+use glam::{Vec2, Vec3, Vec4};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
+
+use crate::scene::{LoadError, Mesh};
+
+/// Parses a mesh. Texture coordinates stay unchanged.
+///
+/// Polygons are split into fans. Errors name the line of an ASCII file, and the vertex or face of a binary
+/// one.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
+    let at_line = |e: ParseError| match e.line() {
+        Some(line) => LoadError::at(path, format!("line {line}"), tidy(&e.to_string())),
+        None => LoadError::new(path, tidy(&e.to_string())),
+    };
+    let mut reader = Reader::new(bytes);
+    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(at_line)?;
+    let error = |e: ParseError| match header.encoding {
+        Encoding::Ascii => at_line(e),
+        // For binary files the parser's line numbers count elements.
+        _ => LoadError::new(path, tidy(&e.to_string())),
+    };
+    // An element takes at least this many bytes, so a header cannot announce more than the file holds.
+    let mut promised = 0_u128;
+    for (name, element) in &header.elements {
+        let least = smallest(element, header.encoding).max(1);
+        promised += element.count as u128 * least as u128;
+        if promised > bytes.len() as u128 + 1 {
+            return Err(LoadError::new(
+                path,
+                format!("is truncated: the header promises {} of `{name}`, more than the file can hold", element.count),
+            ));
+        }
+    }
+    let mut vertices: Vec<Vertex> = Vec::new();
+    let mut faces: Vec<Face> = Vec::new();
+    for (name, element) in &header.elements {
+        match name.as_str() {
+            "vertex" => {
+                vertices = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?
+            }
+            "face" => faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?,
+            _ => drop(Parser::<Skipped>::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?),
+        }
+    }
+    let has = |element: &str, names: &[&str]| {
+        header.elements.get(element).is_some_and(|e| names.iter().all(|n| e.properties.contains_key(*n)))
+    };
+    if !has("vertex", &["x", "y", "z"]) {
+        return Err(LoadError::new(path, "has no vertices with x, y and z"));
+    }
+    if !faces.is_empty() && !has("face", &["vertex_indices"]) && !has("face", &["vertex_index"]) {
+        return Err(LoadError::new(path, "its faces have no vertex_indices"));
+    }
+    if vertices.len() > u32::MAX as usize {
+        return Err(LoadError::new(path, "has more vertices than 32 bits can count"));
+    }
+    for (i, vertex) in vertices.iter().enumerate() {
+        if !(vertex.position.is_finite()
+            && vertex.normal.is_finite()
+            && vertex.uv.is_finite()
+            && vertex.color.is_finite())
+        {
+            return Err(LoadError::at(path, format!("vertex {i}"), "has a number that is not finite"));
+        }
+    }
+    let mut mesh = Mesh { positions: vertices.iter().map(|v| v.position).collect(), ..Mesh::default() };
+    if has("vertex", &["nx", "ny", "nz"]) {
+        mesh.normals = vertices.iter().map(|v| v.normal.normalize_or_zero()).collect();
+    }
+    if UV_NAMES.iter().any(|names| has("vertex", names)) {
+        mesh.uvs[0] = vertices.iter().map(|v| v.uv).collect();
+    }
+    if COLOR_NAMES.iter().any(|names| has("vertex", names)) {
+        mesh.colors = vertices.iter().map(|v| v.color).collect();
+    }
+    mesh.triangles = triangulate(path, &faces, vertices.len())?;
+    Ok(mesh)
+}
+
+/// Splits polygons into fans and checks their indices.
+fn triangulate(path: &Path, faces: &[Face], vertices: usize) -> Result<Vec<[u32; 3]>, LoadError> {
+    let mut triangles = Vec::new();
+    for (i, face) in faces.iter().enumerate() {
+        let error = |cause: String| LoadError::at(path, format!("face {i}"), cause);
+        let Some(corners) = &face.corners else {
+            return Err(error("has an index that is negative or no whole number".to_owned()));
+        };
+        if let Some(index) = corners.iter().find(|&&v| v as usize >= vertices) {
+            return Err(error(format!("refers to vertex {index} of {vertices}")));
+        }
+        if corners.len() < 3 {
+            return Err(error(format!("has {} corners", corners.len())));
+        }
+        triangles.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+    }
+    Ok(triangles)
+}
+
+/// Joins the lines of a parser's message and removes the repeated line number.
+fn tidy(message: &str) -> String {
+    let text = message.strip_prefix("Line ").and_then(|m| m.split_once(": ")).map_or(message, |(_, rest)| rest);
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Returns a lower bound on the bytes of one element.
+fn smallest(element: &ElementDef, encoding: Encoding) -> usize {
+    let size = |scalar: &ScalarType| match (encoding, scalar) {
+        // An ASCII number has at least a digit and a space.
+        (Encoding::Ascii, _) => 2,
+        (_, ScalarType::Char | ScalarType::UChar) => 1,
+        (_, ScalarType::Short | ScalarType::UShort) => 2,
+        (_, ScalarType::Int | ScalarType::UInt | ScalarType::Float) => 4,
+        (_, ScalarType::Double) => 8,
+    };
+    let property = |kind: &PropertyType| match kind {
+        PropertyType::Scalar(scalar) | PropertyType::List(scalar, _) => size(scalar),
+    };
+    element.properties.iter().map(|(_, p)| property(&p.data_type)).sum()
+}
+
+const UV_NAMES: [[&str; 2]; 3] = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
+const COLOR_NAMES: [[&str; 3]; 2] = [["red", "green", "blue"], ["r", "g", "b"]];
+
+struct Vertex {
+    position: Vec3,
+    normal: Vec3,
+    uv: Vec2,
+    color: Vec4,
+}
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self { position: Vec3::ZERO, normal: Vec3::ZERO, uv: Vec2::ZERO, color: Vec4::ONE }
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        let Some(value) = property.to_f32_lossy() else { return PropertyAccessResult::Ignored };
+        // Integer colours are divided by the value of full intensity.
+        let full = match property {
+            Property::UChar(_) => 255.0,
+            Property::UShort(_) => 65535.0,
+            _ => 1.0,
+        };
+        match name {
+            "x" => self.position.x = value,
+            "y" => self.position.y = value,
+            "z" => self.position.z = value,
+            "nx" => self.normal.x = value,
+            "ny" => self.normal.y = value,
+            "nz" => self.normal.z = value,
+            "u" | "s" | "texture_u" => self.uv.x = value,
+            "v" | "t" | "texture_v" => self.uv.y = value,
+            "red" | "r" => self.color.x = value / full,
+            "green" | "g" => self.color.y = value / full,
+            "blue" | "b" => self.color.z = value / full,
+            _ => return PropertyAccessResult::Ignored,
+        }
+        PropertyAccessResult::Set
+    }
+}
+
+#[derive(Default)]
+struct Face {
+    /// Corner indices; `None` if an index is negative or not an integer.
+    corners: Option<Vec<u32>>,
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if name != "vertex_indices" && name != "vertex_index" {
+            return PropertyAccessResult::Ignored;
+        }
+        self.corners = property.to_u32_list();
+        PropertyAccessResult::Set
+    }
+}
+
+/// An element that is not part of the mesh.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}

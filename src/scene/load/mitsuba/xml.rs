@@ -1,0 +1,274 @@
+//! The XML of a scene as one tree: `include`s are spliced in, `default`s substituted, and every element has
+//! its file and line.
+//!
+//! A parameter keeps its first value, so a file that includes another overrides its defaults. Depth, number
+//! of includes and number of elements are limited, because a file may include itself.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::scene::LoadError;
+
+/// Maximum nesting depth of elements, including included files.
+const MAX_DEPTH: usize = 64;
+/// Maximum number of includes of one scene.
+const MAX_INCLUDES: usize = 1000;
+/// Maximum number of bytes of an attribute after substitution; parameters made of parameters grow
+/// exponentially.
+const MAX_VALUE: usize = 1 << 20;
+/// Maximum number of elements of one scene.
+const MAX_ELEMENTS: usize = 1 << 22;
+
+/// One element with its attributes after substitution.
+#[derive(Debug)]
+pub(super) struct Element {
+    /// Tag, such as `bsdf` or `float`; `lookAt` becomes `lookat`.
+    pub tag: String,
+    /// Elements inside it.
+    pub children: Vec<Element>,
+    /// True if the file's version is below 2, whose names are in camel case and some of whose defaults
+    /// differ.
+    pub legacy: bool,
+    attributes: Vec<(String, String)>,
+    file: Arc<Path>,
+    line: usize,
+}
+
+impl Element {
+    /// Returns an attribute's value after substitution.
+    pub fn attribute(&self, name: &str) -> Option<&str> {
+        self.attributes.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str())
+    }
+
+    /// Returns a mandatory attribute.
+    pub fn required(&self, name: &str) -> Result<&str, LoadError> {
+        self.attribute(name).ok_or_else(|| self.error(format!("<{}> needs the attribute `{name}`", self.tag)))
+    }
+
+    /// Returns the `name` attribute in snake case: `toWorld` becomes `to_world`, `intIOR` becomes `int_ior`.
+    pub fn name(&self) -> Option<String> {
+        self.attribute("name").map(snake_case)
+    }
+
+    /// Returns the plugin's name: the `type` attribute, or an empty string.
+    pub fn plugin(&self) -> &str {
+        self.attribute("type").unwrap_or_default()
+    }
+
+    /// Returns the element's title for messages: its id, or its type and line.
+    pub fn title(&self) -> String {
+        match self.attribute("id") {
+            Some(id) => format!("{} `{id}`", self.tag),
+            None => format!("{} `{}` ({})", self.tag, self.plugin(), self.place()),
+        }
+    }
+
+    /// Returns the line, such as `line 12`.
+    pub fn place(&self) -> String {
+        format!("line {}", self.line)
+    }
+
+    /// Returns the file of the element.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// Creates an error at this place.
+    pub fn error(&self, cause: impl Into<String>) -> LoadError {
+        LoadError::at(&*self.file, self.place(), cause)
+    }
+}
+
+/// A scene's tree and its search folders, which `path` elements name.
+#[derive(Debug)]
+pub(super) struct Tree {
+    /// The `scene` element.
+    pub root: Element,
+    /// Search folders, besides the folder of the file that refers to a file.
+    pub folders: Vec<PathBuf>,
+}
+
+/// Reads a scene file and everything that it includes.
+pub(super) fn read(path: &Path) -> Result<Tree, LoadError> {
+    let mut reader = Reader { parameters: Vec::new(), folders: Vec::new(), includes: 0, elements: 0 };
+    if let Some(folder) = path.parent() {
+        reader.folders.push(folder.to_owned());
+    }
+    let root = reader.file(path, 0)?;
+    if root.tag != "scene" {
+        return Err(root.error(format!("the root element is <{}>; a Mitsuba scene starts with <scene>", root.tag)));
+    }
+    Ok(Tree { root, folders: reader.folders })
+}
+
+/// Finds a file that an element refers to: in the folder of the element's file, then in the search folders.
+pub(super) fn resolve(element: &Element, name: &str, folders: &[PathBuf]) -> Result<PathBuf, LoadError> {
+    let spellings = [name.to_owned(), name.replace('\\', "/")];
+    let beside = element.file().parent().unwrap_or(Path::new("")).to_owned();
+    for spelling in &spellings {
+        for folder in std::iter::once(&beside).chain(folders) {
+            let path = folder.join(spelling);
+            if path.is_file() {
+                return Ok(path);
+            }
+        }
+    }
+    Err(element.error(format!("the file `{name}` does not exist in `{}`", beside.display())))
+}
+
+struct Reader {
+    parameters: Vec<(String, String)>,
+    folders: Vec<PathBuf>,
+    includes: usize,
+    elements: usize,
+}
+
+impl Reader {
+    fn file(&mut self, path: &Path, depth: usize) -> Result<Element, LoadError> {
+        let bytes = std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+            LoadError::at(path, format!("line {line}"), "is not UTF-8 text")
+        })?;
+        let document = roxmltree::Document::parse(&text)
+            .map_err(|e| LoadError::at(path, format!("line {}", e.pos().row), format!("is not valid XML: {e}")))?;
+        let line_starts: Vec<usize> = std::iter::once(0)
+            .chain(text.bytes().enumerate().filter(|&(_, b)| b == b'\n').map(|(i, _)| i + 1))
+            .collect();
+        let root = document.root_element();
+        let major = root.attribute("version").and_then(|v| v.split('.').next()?.trim().parse::<u32>().ok());
+        let source = Source { file: path.into(), line_starts, legacy: major.is_some_and(|v| v < 2) };
+        self.element(root, &source, depth)
+    }
+
+    fn element(&mut self, node: roxmltree::Node, source: &Source, depth: usize) -> Result<Element, LoadError> {
+        let mut element = Element {
+            tag: match node.tag_name().name() {
+                "lookAt" => "lookat".to_owned(),
+                tag => tag.to_owned(),
+            },
+            children: Vec::new(),
+            legacy: source.legacy,
+            attributes: Vec::new(),
+            file: source.file.clone(),
+            line: source.line_starts.partition_point(|&start| start <= node.range().start),
+        };
+        self.elements += 1;
+        if depth > MAX_DEPTH || self.elements > MAX_ELEMENTS {
+            return Err(element.error(format!(
+                "the scene is nested deeper than {MAX_DEPTH} elements or has more than {MAX_ELEMENTS}; does it include itself?"
+            )));
+        }
+        for attribute in node.attributes() {
+            let value = self.substitute(attribute.value()).map_err(|cause| element.error(cause))?;
+            element.attributes.push((attribute.name().to_owned(), value));
+        }
+        for child in node.children().filter(roxmltree::Node::is_element) {
+            let child = self.element(child, source, depth + 1)?;
+            match child.tag.as_str() {
+                "default" => self.default(&child)?,
+                "include" => element.children.extend(self.include(&child, depth)?),
+                "path" => {
+                    let folder = Path::new(child.required("value")?);
+                    self.folders.push(child.file().parent().unwrap_or(Path::new("")).join(folder));
+                }
+                _ => element.children.push(child),
+            }
+        }
+        Ok(element)
+    }
+
+    fn default(&mut self, element: &Element) -> Result<(), LoadError> {
+        let (name, value) = (element.required("name")?, element.required("value")?);
+        if name.is_empty() {
+            return Err(element.error("<default> needs a name that is not empty"));
+        }
+        if !self.parameters.iter().any(|(n, _)| n == name) {
+            // The longest name comes first, so that `$spp_max` is not read as `$spp` with a suffix.
+            let at = self.parameters.partition_point(|(n, _)| n.len() >= name.len());
+            self.parameters.insert(at, (name.to_owned(), value.to_owned()));
+        }
+        Ok(())
+    }
+
+    fn include(&mut self, element: &Element, depth: usize) -> Result<Vec<Element>, LoadError> {
+        self.includes += 1;
+        if self.includes > MAX_INCLUDES {
+            return Err(element.error(format!("more than {MAX_INCLUDES} includes; does the file include itself?")));
+        }
+        let path = resolve(element, element.required("filename")?, &self.folders)?;
+        let included = self.file(&path, depth + 1)?;
+        Ok(if included.tag == "scene" { included.children } else { vec![included] })
+    }
+
+    fn substitute(&self, value: &str) -> Result<String, String> {
+        let mut out = String::with_capacity(value.len());
+        let mut rest = value;
+        while let Some(at) = rest.find('$') {
+            out.push_str(&rest[..at]);
+            rest = &rest[at + 1..];
+            let Some((name, value)) = self.parameters.iter().find(|(name, _)| rest.starts_with(name.as_str())) else {
+                let name: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                return Err(format!("the parameter `${name}` has no value; give it one with <default>"));
+            };
+            out.push_str(value);
+            if out.len() > MAX_VALUE {
+                return Err(format!("the value grows beyond {MAX_VALUE} bytes"));
+            }
+            rest = &rest[name.len()..];
+        }
+        out.push_str(rest);
+        Ok(out)
+    }
+}
+
+struct Source {
+    file: Arc<Path>,
+    line_starts: Vec<usize>,
+    legacy: bool,
+}
+
+/// Returns all elements with an id, and the names defined by `alias`.
+pub(super) fn ids(root: &Element) -> Result<HashMap<&str, &Element>, LoadError> {
+    let mut ids: HashMap<&str, &Element> = HashMap::new();
+    let mut aliases = Vec::new();
+    let mut stack = vec![root];
+    while let Some(element) = stack.pop() {
+        stack.extend(element.children.iter().rev());
+        match (element.tag.as_str(), element.attribute("id")) {
+            ("ref", _) | (_, None) => {}
+            ("alias", Some(_)) => aliases.push(element),
+            (_, Some(id)) => {
+                if let Some(first) = ids.insert(id, element) {
+                    return Err(element.error(format!(
+                        "the id `{id}` is already taken by <{}> in `{}`, {}",
+                        first.tag,
+                        first.file().display(),
+                        first.place()
+                    )));
+                }
+            }
+        }
+    }
+    for alias in aliases {
+        let id = alias.required("id")?;
+        let target = *ids.get(id).ok_or_else(|| alias.error(format!("nothing has the id `{id}`")))?;
+        ids.insert(alias.required("as")?, target);
+    }
+    Ok(ids)
+}
+
+/// Converts `toWorld` to `to_world` and `intIOR` to `int_ior`.
+fn snake_case(name: &str) -> String {
+    let mut out = String::with_capacity(name.len() + 4);
+    let mut previous = '_';
+    for c in name.chars() {
+        if c.is_ascii_uppercase() && previous.is_ascii_lowercase() {
+            out.push('_');
+        }
+        out.push(c.to_ascii_lowercase());
+        previous = c;
+    }
+    out
+}

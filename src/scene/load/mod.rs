@@ -1,0 +1,70 @@
+//! Scene loading: selects the loader by name and checks the result.
+
+use std::path::Path;
+
+use crate::scene::builtin;
+use crate::scene::check::finish;
+use crate::scene::load::environment::EnvironmentChange;
+use crate::scene::model::error::LoadError;
+use crate::scene::model::scene::Scene;
+
+pub mod environment;
+pub mod gltf;
+pub mod ies;
+pub mod mitsuba;
+pub mod sky;
+pub mod studio;
+
+/// A kind of scene file.
+pub struct Format {
+    /// Endings of its files, lower case, without the dot.
+    pub endings: &'static [&'static str],
+    /// One line for `lightsheaf scenes`.
+    pub about: &'static str,
+    load: fn(&Path) -> Result<Scene, LoadError>,
+}
+
+/// All kinds of scene files.
+pub const FORMATS: [Format; 2] = [
+    Format { endings: &["gltf", "glb"], about: "glTF 2.0, data embedded or in files beside it", load: gltf::load },
+    Format { endings: &["xml"], about: "Mitsuba 0.5, 0.6, 2 and 3", load: mitsuba::load },
+];
+
+/// Returns the endings of all scene files: `.gltf, .glb, .xml`.
+#[must_use]
+pub fn endings() -> String {
+    let endings = FORMATS.iter().flat_map(|format| format.endings);
+    endings.map(|ending| format!(".{ending}")).collect::<Vec<_>>().join(", ")
+}
+
+/// Loads a scene from a file of one of the [`FORMATS`], or a built-in one as `builtin:NAME`.
+///
+/// Indices of the result are in range and positions finite. [`crate::staging`] adds a camera and a light if
+/// the file has none.
+///
+/// # Errors
+/// Any defect of the file is an error; the message names the place and the cause.
+pub fn load(spec: &str) -> Result<Scene, LoadError> {
+    load_under(spec, &EnvironmentChange::default())
+}
+
+/// Loads a scene like [`load()`] and changes its environment.
+///
+/// # Errors
+/// The errors of [`load()`] and of [`EnvironmentChange::apply`] are returned.
+pub fn load_under(spec: &str, change: &EnvironmentChange) -> Result<Scene, LoadError> {
+    let path = Path::new(spec);
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let format = FORMATS.iter().find(|format| format.endings.contains(&extension.as_str()));
+    let mut scene = match (spec.strip_prefix("builtin:"), format) {
+        (Some(name), _) => builtin::load(name)?,
+        (None, Some(format)) => (format.load)(path)?,
+        (None, None) => {
+            return Err(LoadError::new(spec, format!("not a scene: expected {} or builtin:NAME", endings())));
+        }
+    };
+    scene.name = spec.to_owned();
+    change.apply(&mut scene)?;
+    finish(&mut scene, path)?;
+    Ok(scene)
+}

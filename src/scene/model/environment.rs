@@ -1,0 +1,118 @@
+//! Environment lights: constant or mapped radiance from infinity.
+
+use std::path::Path;
+
+use glam::{Mat3, Vec3};
+
+use crate::scene::model::error::LoadError;
+use crate::scene::model::texture::linear_from_srgb;
+
+/// Placement of the first and the last row of an equirectangular map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rows {
+    /// Row r spans polar angles pi r / H to pi (r + 1) / H; its value applies to the middle.
+    Centred,
+    /// Row 0 lies at the upper pole and row H - 1 at the lower one (Mitsuba's `envmap`).
+    AtPoles,
+}
+
+/// An equirectangular map, row 0 on top (+Y), bilinear, wrapping in u and clamped in v.
+///
+/// A direction d in the map's own space has u = atan2(d.x, -d.z) / (2 pi) mod 1 and v = acos(d.y) / pi;
+/// in u, texel centres lie at (i + 0.5) / W.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EnvironmentMap {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Linear radiance, W m^-2 sr^-1, row-major.
+    pub texels: Vec<[f32; 3]>,
+    /// Placement of the rows.
+    pub rows: Rows,
+}
+
+/// A constant or mapped sky.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Environment {
+    /// Multiplies the map, or is the radiance itself if there is no map.
+    pub radiance: Vec3,
+    /// The map, if not constant.
+    pub map: Option<EnvironmentMap>,
+    /// Rotation from the map's space to the world.
+    pub world_from_environment: Mat3,
+}
+
+impl EnvironmentMap {
+    /// Maximum number of texels. A larger map is an error, so that a small file cannot allocate arbitrary
+    /// memory.
+    pub const MAX_TEXELS: u64 = 1 << 28;
+
+    /// Loads a Radiance `.hdr` file, an OpenEXR file with red, green and blue, or an eight-bit image read as
+    /// sRGB.
+    ///
+    /// Rows are [`Rows::Centred`]; callers that know better overwrite the field.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged, too large, without colour, compressed with DWA, or that has a
+    /// negative or non-finite texel is an error.
+    pub fn load(path: &Path) -> Result<Self, LoadError> {
+        let error = |cause: String| LoadError::new(path, cause);
+        let bytes = std::fs::read(path).map_err(|e| error(format!("cannot be read: {e}")))?;
+        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(&bytes) } else { Self::decode_image(&bytes) }
+            .map_err(error)?;
+        if let Some(i) = map.texels.iter().position(|t| !t.iter().all(|v| v.is_finite() && *v >= 0.0)) {
+            let (x, y) = (i % map.width as usize, i / map.width as usize);
+            return Err(LoadError::at(path, format!("texel ({x}, {y})"), "is negative or not finite"));
+        }
+        Ok(map)
+    }
+
+    fn decode_image(bytes: &[u8]) -> Result<Self, String> {
+        let mut reader =
+            image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+        let mut limits = image::Limits::default();
+        limits.max_alloc = Some(Self::MAX_TEXELS * 16);
+        reader.limits(limits);
+        let decoded = reader.decode().map_err(|e| format!("the image cannot be decoded: {e}"))?;
+        let float = matches!(decoded.color(), image::ColorType::Rgb32F | image::ColorType::Rgba32F);
+        let rgb = decoded.into_rgb32f();
+        let (width, height) = rgb.dimensions();
+        if width == 0 || height == 0 {
+            return Err("the image has no pixels".to_owned());
+        }
+        let texel = |p: &[f32]| [p[0], p[1], p[2]].map(|v| if float { v } else { linear_from_srgb(v) });
+        let texels = rgb.into_raw().chunks_exact(3).map(texel).collect();
+        Ok(Self { width, height, texels, rows: Rows::Centred })
+    }
+
+    fn decode_exr(bytes: &[u8]) -> Result<Self, String> {
+        use exr::prelude::{Compression, ReadChannels, ReadLayers, Vec2};
+        let headers = exr::meta::MetaData::read_from_buffered(bytes, false).map_err(|e| e.to_string())?.headers;
+        let Some(header) = headers.first() else { return Err("the file has no image".to_owned()) };
+        if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
+            return Err("the file is compressed with DWA, which is not supported; save it with ZIP or PIZ".to_owned());
+        }
+        let pixels = header.layer_size.0 as u64 * header.layer_size.1 as u64;
+        if pixels == 0 || pixels > Self::MAX_TEXELS {
+            return Err(format!("the image has {pixels} pixels; 1 to {} are supported", Self::MAX_TEXELS));
+        }
+        let image = exr::prelude::read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .rgb_channels(
+                |size: Vec2<usize>, _| (size.0, vec![[0.0_f32; 3]; size.0 * size.1]),
+                |(width, texels), at: Vec2<usize>, (r, g, b): (f32, f32, f32)| texels[at.1 * *width + at.0] = [r, g, b],
+            )
+            .first_valid_layer()
+            .all_attributes()
+            .from_buffered(std::io::Cursor::new(bytes))
+            .map_err(|e| format!("the image cannot be decoded: {e}"))?;
+        let size = image.layer_data.size;
+        let texels = image.layer_data.channel_data.pixels.1;
+        Ok(Self { width: size.0 as u32, height: size.1 as u32, texels, rows: Rows::Centred })
+    }
+}
+
+/// The first bytes of an OpenEXR file.
+const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];

@@ -1,0 +1,244 @@
+//! Materials. Every value is linear.
+
+use glam::Vec3;
+
+use crate::scene::TextureRef;
+
+/// A colour: a factor times an optional texture. The vertex colour multiplies a material's diffuse colour,
+/// which in glTF's model is the metal's F0 too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Color {
+    /// Linear RGB.
+    pub factor: Vec3,
+    /// Multiplies the factor by the texture's linear RGB.
+    pub texture: Option<TextureRef>,
+}
+
+/// A number: a factor times one channel of a texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scalar {
+    /// The value without a texture.
+    pub factor: f32,
+    /// Multiplies the factor by the texture's channel (0 red to 3 alpha).
+    pub texture: Option<(TextureRef, u32)>,
+}
+
+impl From<Vec3> for Color {
+    fn from(factor: Vec3) -> Self {
+        Self { factor, texture: None }
+    }
+}
+
+impl From<f32> for Scalar {
+    fn from(factor: f32) -> Self {
+        Self { factor, texture: None }
+    }
+}
+
+/// Dependence of a conductor's reflectance on the angle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fresnel {
+    /// No dependence: the reflectance is 1 at any angle (Mitsuba's material `none`).
+    None,
+    /// Complex index of refraction, per channel, relative to the outside.
+    Conductor {
+        /// Real part.
+        eta: Vec3,
+        /// Imaginary part.
+        k: Vec3,
+    },
+}
+
+/// Reflection models, all isotropic. `alpha` is the GGX width; 0 denotes a mirror, which the raster method
+/// approximates.
+///
+/// Microfacet lobes are D G2 F / (4 cos cos) with the GGX D and the height-correlated Smith term G2, unless
+/// stated otherwise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a scene has few materials, and no list of bare models")]
+pub enum Bsdf {
+    /// Lambertian: reflectance / pi.
+    Diffuse {
+        /// Reflected share of the light.
+        reflectance: Color,
+    },
+    /// glTF 2.0, appendix B, with KHR_materials_specular and KHR_materials_ior; alpha = roughness^2.
+    MetallicRoughness {
+        /// Diffuse colour of the dielectric and F0 of the metal.
+        base_color: Color,
+        /// Blend between dielectric (0) and metal (1).
+        metallic: Scalar,
+        /// Perceptual roughness.
+        roughness: Scalar,
+        /// Index of refraction of the dielectric.
+        ior: f32,
+        /// KHR_materials_specular's specularFactor.
+        specular: Scalar,
+        /// KHR_materials_specular's specularColorFactor.
+        specular_color: Color,
+        /// KHR_materials_transmission: share of the base that transmits, tinted by the base colour, instead
+        /// of reflecting diffusely. A [`Boundary::Volume`] refracts by `ior`; a sheet transmits without
+        /// bending.
+        transmission: Scalar,
+    },
+    /// A metal: one GGX lobe, uncorrelated Smith G1 G1 as in Mitsuba.
+    Conductor {
+        /// GGX width.
+        alpha: Scalar,
+        /// Fresnel term.
+        fresnel: Fresnel,
+        /// Multiplies the lobe.
+        specular: Color,
+    },
+    /// A diffuse base under a dielectric coat (Mitsuba's plastic and roughplastic), G1 G1 as in Mitsuba.
+    ///
+    /// f = specular F D G / (4 cos cos) + diffuse / pi T(cos_i) T(cos_o) / (eta^2 (1 - r F_in)), T = 1 - F of
+    /// the smooth coat, F_in its internal diffuse reflectance, r the diffuse colour if `nonlinear` and 1
+    /// otherwise.
+    Plastic {
+        /// GGX width of the coat.
+        alpha: Scalar,
+        /// Colour of the base.
+        diffuse: Color,
+        /// Multiplies the coat's reflection.
+        specular: Color,
+        /// Index of refraction of the coat relative to the outside.
+        eta: f32,
+        /// True if internal reflections shift the colour.
+        nonlinear: bool,
+    },
+    /// Glass that reflects and refracts (Walter et al. 2007), G1 G1 as in Mitsuba; perfectly smooth if
+    /// `alpha` is below [`SMOOTH`].
+    Dielectric {
+        /// GGX width.
+        alpha: Scalar,
+        /// Index of refraction behind the surface (against the geometric normal) relative to that in front of
+        /// it.
+        eta: f32,
+        /// Multiplies the reflected light.
+        reflection: Color,
+        /// Multiplies the transmitted light.
+        transmission: Color,
+    },
+}
+
+impl Bsdf {
+    /// Returns GGX width and reflectance at normal incidence of a material's specular lobe. None without a
+    /// lobe, or with a roughness texture.
+    #[must_use]
+    pub fn lobe(&self) -> Option<(f32, f32)> {
+        let dielectric = |eta: f32| ((eta - 1.0) / (eta + 1.0)).powi(2);
+        let (width, alpha, fresnel) = match self {
+            Self::Diffuse { .. } | Self::Dielectric { .. } => return None,
+            Self::Conductor { alpha, .. } => (alpha, alpha.factor, 1.0),
+            Self::Plastic { alpha, eta, .. } => (alpha, alpha.factor, dielectric(*eta)),
+            Self::MetallicRoughness { roughness, metallic, ior, .. } => {
+                let metal = metallic.texture.is_none() && metallic.factor > 0.5;
+                (roughness, roughness.factor * roughness.factor, if metal { 1.0 } else { dielectric(*ior) })
+            }
+        };
+        width.texture.is_none().then_some((alpha, fresnel))
+    }
+
+    /// Returns true if the surface transmits light anywhere. Such a surface is two-sided, independent of
+    /// [`Sides`].
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        match self {
+            Self::MetallicRoughness { transmission, .. } => transmission.factor > 0.0,
+            Self::Dielectric { .. } => true,
+            _ => false,
+        }
+    }
+}
+
+/// GGX width below which a lobe is treated as perfectly specular by methods that trace specular paths.
+pub const SMOOTH: f32 = 1e-3;
+
+/// The medium behind a transmitting surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Boundary {
+    /// A thin sheet: the medium behind it is the one in front. Light is not bent, and a rough lobe is the
+    /// mirrored reflection lobe. Internal reflections of a smooth [`Bsdf::Dielectric`] are summed.
+    Sheet,
+    /// A homogeneous absorbing medium: the transmittance is exp(-absorption d) over d metres
+    /// (KHR_materials_volume).
+    Volume {
+        /// Absorption coefficient per metre and channel.
+        absorption: Vec3,
+    },
+}
+
+/// Emitted light of a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Radiance, W m^-2 sr^-1.
+    pub radiance: Color,
+    /// True if the back emits too.
+    pub two_sided: bool,
+}
+
+/// A tangent-space normal map: rgb * 2 - 1, xy times `scale`, Y up the image as in glTF.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NormalMap {
+    /// Linear RGB texture.
+    pub texture: TextureRef,
+    /// Multiplies x and y.
+    pub scale: f32,
+}
+
+/// An alpha test: the surface exists only where factor times the texture's channel (0 red to 3 alpha) times
+/// vertex alpha is at least `cutoff`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AlphaMask {
+    /// Value under test.
+    pub value: Scalar,
+    /// Threshold.
+    pub cutoff: f32,
+}
+
+/// Behaviour of the back side of a surface. All surfaces block light from both sides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sides {
+    /// Both sides reflect.
+    Two,
+    /// The back is black (Mitsuba without `twosided`).
+    One,
+    /// The back is black, and camera rays pass through it (glTF without `doubleSided`, whose viewers cull
+    /// it).
+    OneCulled,
+}
+
+/// A material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Its name in the file.
+    pub name: String,
+    /// Reflection model.
+    pub bsdf: Bsdf,
+    /// Emitted light, if any.
+    pub emission: Option<Emission>,
+    /// Perturbation of the shading normal, if any.
+    pub normal_map: Option<NormalMap>,
+    /// Alpha test, if any.
+    pub alpha_mask: Option<AlphaMask>,
+    /// Behaviour of the back side.
+    pub sides: Sides,
+    /// Medium behind the surface if the BSDF transmits.
+    pub boundary: Boundary,
+}
+
+impl Material {
+    /// Creates a two-sided Lambertian material.
+    pub fn diffuse(name: impl Into<String>, reflectance: Vec3) -> Self {
+        Self {
+            name: name.into(),
+            bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
+            emission: None,
+            normal_map: None,
+            alpha_mask: None,
+            sides: Sides::Two,
+            boundary: Boundary::Volume { absorption: Vec3::ZERO },
+        }
+    }
+}

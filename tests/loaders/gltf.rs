@@ -1,0 +1,771 @@
+//! Tests of the glTF loader with real files, malformed files, and small files made here.
+
+use crate::common;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use base64::Engine as _;
+use common::shared;
+use glam::{Vec2, Vec3, Vec4};
+use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Projection, Scene, Sides};
+use serde_json::{Value, json};
+
+/// Time limit for one file.
+const TIME_LIMIT: Duration = Duration::from_secs(5);
+
+/// Returns the rows of a tab-separated table by column name.
+fn table(path: &Path) -> Vec<std::collections::HashMap<String, String>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap().split('\t').collect();
+    let row = |line: &str| head.iter().zip(line.split('\t')).map(|(k, v)| ((*k).to_owned(), v.to_owned())).collect();
+    lines.map(row).collect()
+}
+
+/// Returns the extensions that a file requires and that the loader does not support.
+fn unsupported(path: &Path) -> Vec<String> {
+    let bytes = std::fs::read(path).unwrap_or_default();
+    let text = if bytes.starts_with(b"glTF") && bytes.len() >= 20 {
+        let length = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+        bytes.get(20..20 + length).unwrap_or_default()
+    } else {
+        &bytes
+    };
+    let value: Value = serde_json::from_slice(text).unwrap_or_default();
+    let required = value["extensionsRequired"].as_array().cloned().unwrap_or_default();
+    let names = required.iter().filter_map(|e| e.as_str());
+    names.filter(|e| !scene::load::gltf::SUPPORTED.contains(e)).map(str::to_owned).collect()
+}
+
+fn load_in_time(path: &Path) -> Result<Scene, scene::LoadError> {
+    let start = Instant::now();
+    let result = scene::load(path.to_str().unwrap());
+    assert!(start.elapsed() < TIME_LIMIT, "{} took {:?}", path.display(), start.elapsed());
+    result
+}
+
+#[test]
+fn real_files_load_with_their_triangles() {
+    let Some(shared) = shared() else { return };
+    let (mut loaded, mut rejected, mut wrong) = (0, 0, Vec::new());
+    for row in table(&shared.join("scenes/MANIFEST.tsv")) {
+        if !row["path"].starts_with("gltf/") {
+            continue;
+        }
+        let path = shared.join("scenes").join(&row["path"]);
+        let unsupported = unsupported(&path);
+        match load_in_time(&path) {
+            Ok(scene) => {
+                loaded += 1;
+                // The table counts each mesh once, independent of the number of nodes.
+                let triangles: usize = scene.meshes.iter().map(|m| m.triangles.len()).sum();
+                if !row["triangles"].is_empty() && row["triangles"] != triangles.to_string() {
+                    wrong.push(format!("{}: {triangles} triangles instead of {}", row["path"], row["triangles"]));
+                }
+                if !unsupported.is_empty() {
+                    wrong.push(format!("{}: loaded in spite of {unsupported:?}", row["path"]));
+                }
+                assert!(!Geometry::new(&scene).triangles.is_empty(), "{} is empty", row["path"]);
+            }
+            Err(error) => {
+                rejected += 1;
+                if !unsupported.iter().any(|e| error.to_string().contains(e)) {
+                    wrong.push(format!("{}: {error}", row["path"]));
+                }
+            }
+        }
+    }
+    println!("{loaded} loaded, {rejected} rejected");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(loaded >= 45 && rejected >= 5, "the table has shrunk: {loaded} loaded, {rejected} rejected");
+}
+
+#[test]
+fn wrong_files_are_errors_and_odd_ones_load() {
+    let Some(shared) = shared() else { return };
+    let (mut count, mut loaded, mut wrong) = ([0; 3], [0; 3], Vec::new());
+    for row in table(&shared.join("invalid/MANIFEST.tsv")) {
+        let path = shared.join("invalid").join(&row["path"]);
+        let class = ["valid-edge", "warn", "invalid"].iter().position(|c| *c == row["class"]).unwrap();
+        count[class] += 1;
+        match load_in_time(&path) {
+            Ok(scene) => {
+                loaded[class] += 1;
+                let _ = Geometry::new(&scene);
+            }
+            Err(error) => {
+                let text = error.to_string();
+                let name = path.file_name().unwrap().to_str().unwrap();
+                if !text.contains(name) {
+                    wrong.push(format!("{}: the error does not name the file: {text}", row["path"]));
+                }
+                let unsupported = unsupported(&path);
+                let explained = unsupported.iter().any(|e| text.contains(e));
+                if class == 0 && !explained {
+                    wrong.push(text);
+                }
+            }
+        }
+    }
+    println!("valid-edge, warn, invalid: loaded {loaded:?} of {count:?}");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(count[0] > 100 && count[1] > 50 && count[2] > 200, "the table has shrunk: {count:?}");
+    // Many of these only break rules that readers do not depend on, such as empty arrays or missing bounds.
+    assert!(count[2] - loaded[2] >= 90, "wrong files load: {loaded:?} of {count:?}");
+}
+
+/// A file under construction: JSON, and one buffer that becomes a data URI or the binary chunk.
+struct Draft {
+    json: Value,
+    data: Vec<u8>,
+}
+
+impl Draft {
+    /// The file has one node with one mesh of one primitive; its arrays are empty.
+    fn new() -> Self {
+        let json = json!({
+            "asset": { "version": "2.0" },
+            "scene": 0,
+            "scenes": [{ "nodes": [0] }],
+            "nodes": [{ "mesh": 0 }],
+            "meshes": [{ "primitives": [{ "attributes": {} }] }],
+            "accessors": [],
+            "bufferViews": [],
+        });
+        Self { json, data: Vec::new() }
+    }
+
+    /// Returns the triangle (0,0,0), (1,0,0), (0,1,0), which faces +Z.
+    fn triangle() -> Self {
+        let mut draft = Self::new();
+        draft.attribute("POSITION", "VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        draft
+    }
+
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        let view = json!({ "buffer": 0, "byteOffset": self.data.len(), "byteLength": bytes.len() });
+        self.data.extend(bytes);
+        self.data.resize(self.data.len().next_multiple_of(4), 0);
+        self.push("bufferViews", view)
+    }
+
+    fn push(&mut self, array: &str, value: Value) -> usize {
+        if self.json[array].is_null() {
+            self.json[array] = json!([]);
+        }
+        let array = self.json[array].as_array_mut().unwrap();
+        array.push(value);
+        array.len() - 1
+    }
+
+    fn accessor(&mut self, kind: &str, component: u32, count: usize, bytes: &[u8]) -> usize {
+        let view = self.view(bytes);
+        let value = json!({ "bufferView": view, "componentType": component, "count": count, "type": kind });
+        self.push("accessors", value)
+    }
+
+    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let lanes = match kind {
+            "SCALAR" => 1,
+            "VEC2" => 2,
+            "VEC3" => 3,
+            "VEC4" => 4,
+            _ => 16,
+        };
+        self.accessor(kind, 5126, values.len() / lanes, &bytes)
+    }
+
+    fn attribute(&mut self, name: &str, kind: &str, values: &[f32]) {
+        let accessor = self.floats(kind, values);
+        self.json["meshes"][0]["primitives"][0]["attributes"][name] = json!(accessor);
+    }
+
+    fn indices(&mut self, indices: &[u16]) {
+        let bytes: Vec<u8> = indices.iter().flat_map(|i| i.to_le_bytes()).collect();
+        let accessor = self.accessor("SCALAR", 5123, indices.len(), &bytes);
+        self.json["meshes"][0]["primitives"][0]["indices"] = json!(accessor);
+    }
+
+    fn primitive(&mut self) -> &mut Value {
+        &mut self.json["meshes"][0]["primitives"][0]
+    }
+
+    fn path(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_TARGET_TMPDIR")).join(name)
+    }
+
+    /// Writes the file as .gltf or .glb, by the name's extension.
+    fn write(&self, name: &str) -> PathBuf {
+        let path = Self::path(name);
+        let mut json = self.json.clone();
+        json["buffers"] = json!([{ "byteLength": self.data.len() }]);
+        if name.ends_with(".glb") {
+            let mut text = json.to_string().into_bytes();
+            text.resize(text.len().next_multiple_of(4), b' ');
+            let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes()[..], kind, data].concat();
+            let body = [chunk(b"JSON", &text), chunk(b"BIN\0", &self.data)].concat();
+            let head = [&b"glTF"[..], &2_u32.to_le_bytes(), &(body.len() as u32 + 12).to_le_bytes()].concat();
+            std::fs::write(&path, [head, body].concat()).unwrap();
+        } else {
+            let data = base64::engine::general_purpose::STANDARD.encode(&self.data);
+            json["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{data}"));
+            std::fs::write(&path, json.to_string()).unwrap();
+        }
+        path
+    }
+
+    fn load(&self, name: &str) -> Scene {
+        load_in_time(&self.write(name)).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// Loads a file that has to be refused, with an error that names the file, the place and the cause.
+    fn refused(&self, name: &str, place: &str, cause: &str) {
+        let error = load_in_time(&self.write(name)).expect_err(name).to_string();
+        for part in [name, place, cause] {
+            assert!(error.contains(part), "{error:?} does not say {part:?}");
+        }
+    }
+}
+
+fn warned(scene: &Scene, part: &str) -> bool {
+    scene.warnings.iter().any(|w| w.contains(part))
+}
+
+#[test]
+fn triangle_in_both_containers() {
+    let draft = Draft::triangle();
+    let [text, binary] = ["triangle.gltf", "triangle.glb"].map(|name| draft.load(name));
+    assert_eq!(text.meshes, binary.meshes);
+    assert_eq!(text.meshes[0].positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);
+    assert_eq!(text.meshes[0].triangles, [[0, 1, 2]]);
+    assert!(text.meshes[0].normals.is_empty());
+    assert_eq!(Geometry::new(&text).vertices[0].normal, Vec3::Z);
+}
+
+#[test]
+fn external_buffer_with_a_percent_encoded_name() {
+    let mut draft = Draft::triangle();
+    std::fs::write(Draft::path("a buffer%.bin"), &draft.data).unwrap();
+    draft.json["buffers"] = json!([{ "byteLength": draft.data.len(), "uri": "a%20buffer%25.bin" }]);
+    let path = Draft::path("external.gltf");
+    std::fs::write(&path, draft.json.to_string()).unwrap();
+    assert_eq!(load_in_time(&path).unwrap().meshes[0].positions[1], Vec3::X);
+
+    draft.json["buffers"][0]["uri"] = json!("missing.bin");
+    std::fs::write(&path, draft.json.to_string()).unwrap();
+    let error = load_in_time(&path).unwrap_err().to_string();
+    assert!(error.contains("buffers[0]") && error.contains("missing.bin"), "{error}");
+}
+
+#[test]
+fn sparse_accessors_replace_elements() {
+    let mut draft = Draft::triangle();
+    let indices = draft.view(&[2, 0]);
+    let values = draft.view(&[0.0_f32, 5.0, 0.0].map(f32::to_le_bytes).concat());
+    let sparse = json!({ "count": 1,
+        "indices": { "bufferView": indices, "componentType": 5123 }, "values": { "bufferView": values } });
+    draft.json["accessors"][0]["sparse"] = sparse.clone();
+    assert_eq!(draft.load("sparse.gltf").meshes[0].positions, [Vec3::ZERO, Vec3::X, 5.0 * Vec3::Y]);
+
+    // Without a buffer view the other values are zero.
+    draft.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
+    assert_eq!(draft.load("sparse_zero.gltf").meshes[0].positions, [Vec3::ZERO, Vec3::ZERO, 5.0 * Vec3::Y]);
+
+    draft.json["accessors"][0]["count"] = json!(2);
+    draft.refused("sparse_past.gltf", "accessors[0].sparse", "index 2 is past the 2 elements");
+    draft.json["accessors"][0]["count"] = json!(4_000_000_000_u64);
+    draft.refused("sparse_huge.gltf", "accessors[0]", "too many");
+}
+
+#[test]
+fn interleaved_normalized_and_quantized_attributes() {
+    let mut draft = Draft::new();
+    // Each vertex has its position as three i16 and padding, and its uv as two normalized u16.
+    let mut bytes = Vec::new();
+    for (position, uv) in [([0, 0, -2], [0, 65535]), ([300, 0, -2], [65535, 0]), ([0, 300, -2], [13107, 0])] {
+        bytes.extend(position.map(i16::to_le_bytes).concat());
+        bytes.extend([0, 0]);
+        bytes.extend(uv.map(u16::to_le_bytes).concat());
+    }
+    let view = draft.view(&bytes);
+    draft.json["bufferViews"][view]["byteStride"] = json!(12);
+    let positions = json!({ "bufferView": view, "componentType": 5122, "count": 3, "type": "VEC3" });
+    let uvs = json!({ "bufferView": view, "byteOffset": 8, "componentType": 5123, "normalized": true, "count": 3, "type": "VEC2" });
+    let (positions, uvs) = (draft.push("accessors", positions), draft.push("accessors", uvs));
+    draft.primitive()["attributes"] = json!({ "POSITION": positions, "TEXCOORD_0": uvs });
+    draft.json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
+    draft.json["nodes"][0]["scale"] = json!([0.01, 0.01, 0.01]);
+    let scene = draft.load("quantized.gltf");
+    let mesh = &scene.meshes[0];
+    assert_eq!(mesh.positions[1], Vec3::new(300.0, 0.0, -2.0));
+    assert_eq!(mesh.uvs[0], [Vec2::new(0.0, 1.0), Vec2::new(1.0, 0.0), Vec2::new(0.2, 0.0)]);
+    assert!(Geometry::new(&scene).positions(0)[1].abs_diff_eq(Vec3::new(3.0, 0.0, -0.02), 1e-6));
+
+    // -128 and -127 are both -1.
+    let colors = draft.accessor("VEC4", 5120, 3, &[128, 129, 0, 127, 0, 0, 0, 0, 0, 0, 0, 0]);
+    draft.json["accessors"][colors]["normalized"] = json!(true);
+    draft.primitive()["attributes"]["COLOR_0"] = json!(colors);
+    assert_eq!(draft.load("normalized.gltf").meshes[0].colors[0], Vec4::new(-1.0, -1.0, 0.0, 1.0));
+}
+
+#[test]
+fn strips_and_fans_keep_their_winding() {
+    let mut draft = Draft::new();
+    draft.attribute("POSITION", "VEC3", &[0., 0., 0., 1., 0., 0., 0., 1., 0., 1., 1., 0., 0., 2., 0.]);
+    draft.primitive()["mode"] = json!(5);
+    let strip = draft.load("strip.gltf");
+    assert_eq!(strip.meshes[0].triangles, [[0, 1, 2], [2, 1, 3], [2, 3, 4]]);
+    assert!(Geometry::new(&strip).vertices.iter().all(|v| v.normal == Vec3::Z));
+
+    draft.indices(&[0, 1, 3, 2]);
+    draft.primitive()["mode"] = json!(6);
+    let fan = draft.load("fan.gltf");
+    assert_eq!(fan.meshes[0].triangles, [[1, 3, 0], [3, 2, 0]]);
+    assert!(Geometry::new(&fan).vertices.iter().all(|v| v.normal == Vec3::Z));
+
+    draft.primitive()["mode"] = json!(1);
+    let lines = draft.load("lines.gltf");
+    assert!(lines.meshes.is_empty() && warned(&lines, "points and lines") && warned(&lines, "no surface"));
+}
+
+#[test]
+fn negative_scale_keeps_the_front_in_front() {
+    let mut draft = Draft::triangle();
+    draft.attribute("NORMAL", "VEC3", &[0., 0., 1., 0., 0., 1., 0., 0., 1.]);
+    draft.json["nodes"] = json!([{ "children": [1], "scale": [-1, 1, 1] }, { "mesh": 0, "translation": [2, 0, 0] }]);
+    let geometry = Geometry::new(&draft.load("mirrored.gltf"));
+    let [a, b, c] = geometry.positions(0);
+    assert_eq!((b - a).cross(c - a).normalize(), Vec3::Z);
+    assert!(geometry.vertices.iter().all(|v| v.normal == Vec3::Z));
+    assert_eq!(geometry.bounds, [Vec3::new(-3.0, 0.0, 0.0), Vec3::new(-2.0, 1.0, 0.0)]);
+}
+
+#[test]
+fn meshes_are_instanced_and_matrices_read_by_columns() {
+    let mut draft = Draft::triangle();
+    draft.json["scenes"][0]["nodes"] = json!([0, 1]);
+    draft.json["nodes"] =
+        json!([{ "mesh": 0 }, { "mesh": 0, "matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 7, 8, 9, 1] }]);
+    let scene = draft.load("instances.gltf");
+    assert_eq!((scene.meshes.len(), scene.instances.len()), (1, 2));
+    assert_eq!(
+        Geometry::new(&scene).positions(1),
+        [Vec3::new(7., 8., 9.), Vec3::new(7., 9., 9.), Vec3::new(6., 8., 9.)]
+    );
+}
+
+#[test]
+fn few_vertices_of_a_large_accessor() {
+    let mut draft = Draft::new();
+    let positions: Vec<f32> = (0..3000).map(|i| ((i * i) % 101) as f32).collect();
+    draft.attribute("POSITION", "VEC3", &positions);
+    draft.indices(&[999, 0, 500]);
+    let mesh = &draft.load("few.gltf").meshes[0];
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    assert_eq!(mesh.positions[2], Vec3::from_slice(&positions[1500..]));
+}
+
+#[test]
+fn skins_and_morph_targets_are_applied() {
+    let mut draft = Draft::triangle();
+    let target = draft.floats("VEC3", &[0., 0., 4., 0., 0., 0., 0., 0., 0.]);
+    draft.primitive()["targets"] = json!([{ "POSITION": target }]);
+    draft.json["meshes"][0]["weights"] = json!([0.25]);
+    assert_eq!(draft.load("morph.gltf").meshes[0].positions[0], Vec3::Z);
+    draft.json["nodes"][0]["weights"] = json!([0.5]);
+    assert_eq!(draft.load("morph_node.gltf").meshes[0].positions[0], 2.0 * Vec3::Z);
+
+    let joints = draft.accessor("VEC4", 5121, 3, &[0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]);
+    draft.primitive()["attributes"]["JOINTS_0"] = json!(joints);
+    draft.attribute("WEIGHTS_0", "VEC4", &[0.5, 0.5, 0., 0., 1., 0., 0., 0., 1., 0., 0., 0.]);
+    let mut bind = [0.0; 32];
+    [0, 5, 10, 15, 16, 21, 26, 31].iter().for_each(|&i| bind[i] = 1.0);
+    bind[28] = 1.0; // the second joint's inverse bind matrix moves by +X
+    let bind = draft.floats("MAT4", &bind);
+    draft.json["skins"] = json!([{ "joints": [1, 2], "inverseBindMatrices": bind }]);
+    draft.json["scenes"][0]["nodes"] = json!([0, 1]);
+    draft.json["nodes"] = json!([
+        { "mesh": 0, "skin": 0, "translation": [100, 0, 0] },
+        { "translation": [0, 10, 0], "children": [2] },
+        { "translation": [0, 20, 0] },
+    ]);
+    let scene = draft.load("skin.gltf");
+    let expected = [Vec3::new(0.5, 20.0, 1.0), Vec3::new(1.0, 10.0, 0.0), Vec3::new(1.0, 31.0, 0.0)];
+    assert_eq!(Geometry::new(&scene).positions(0), expected);
+
+    draft.json["skins"][0]["joints"] = json!([1]);
+    draft.refused("skin_joint.gltf", "accessors[", "follows joint 1 of 1");
+}
+
+/// Returns a grey picture of one pixel.
+fn bmp() -> Vec<u8> {
+    let mut bmp = b"BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\x01\0\0\0\x01\0\0\0\x01\0\x18\0".to_vec();
+    bmp.resize(0x36, 0);
+    bmp.extend([128, 128, 128, 0]);
+    bmp
+}
+
+#[test]
+fn materials_say_what_the_file_says() {
+    let mut draft = Draft::triangle();
+    draft.attribute("TEXCOORD_0", "VEC2", &[0., 0., 1., 0., 0., 1.]);
+    let view = draft.view(&bmp());
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["samplers"] = json!([{ "magFilter": 9728, "wrapS": 33071, "wrapT": 33648 }]);
+    draft.json["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+    draft.primitive()["material"] = json!(0);
+    let transform = json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": std::f32::consts::FRAC_PI_2, "scale": [2, 4] } });
+    draft.json["materials"] = json!([{
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.1, 0.2, 0.3, 0.9], "metallicFactor": 0.5, "roughnessFactor": 0.25,
+            "baseColorTexture": { "index": 0, "extensions": transform },
+        },
+        "normalTexture": { "index": 0, "scale": 0.5, "extensions": transform },
+        "emissiveFactor": [1, 0.5, 0], "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
+        "extensions": {
+            "KHR_materials_emissive_strength": { "emissiveStrength": 10 }, "KHR_materials_ior": { "ior": 1.8 },
+            "KHR_materials_specular": { "specularFactor": 0.7, "specularColorFactor": [1, 2, 3] },
+        },
+    }]);
+    let scene = draft.load("material.gltf");
+    assert!(scene.cameras.is_empty() && scene.lights.is_empty() && scene.environment.is_none());
+    let material = &scene.materials[0];
+    assert_eq!(material.emission.unwrap().radiance.factor, Vec3::new(10.0, 5.0, 0.0));
+    assert_eq!((material.sides, material.alpha_mask.unwrap().cutoff), (Sides::Two, 0.3));
+    let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } = material.bsdf
+    else {
+        panic!("{:?}", material.bsdf);
+    };
+    assert_eq!((metallic.factor, roughness.factor, ior, specular.factor), (0.5, 0.25, 1.8, 0.7));
+    assert_eq!(specular_color.factor, Vec3::new(1.0, 2.0, 3.0));
+    let texture = base_color.texture.unwrap();
+    // KHR_texture_transform gives u' = 2 u cos + 4 v sin + 0.5, v' = -2 u sin + 4 v cos + 0.25.
+    assert!(texture.apply([Vec2::new(0.1, 0.2); 2]).abs_diff_eq(Vec2::new(1.3, 0.05), 1e-6));
+    assert_eq!(material.normal_map.unwrap().texture.transform, texture.transform);
+    assert_eq!(scene.textures.len(), 2, "colours are sRGB, normals are not");
+    assert_eq!(scene.images.len(), 1);
+    let sampler = &scene.textures[texture.texture];
+    assert_eq!(sampler.wrap, [scene::Wrap::Clamp, scene::Wrap::Mirror]);
+    assert_eq!((sampler.filter, sampler.srgb), (scene::Filter::Nearest, true));
+    assert_eq!(scene.meshes[0].tangents.len(), 3);
+
+    // A dielectric without reflection is Lambertian, unlit materials emit, and blending becomes a mask.
+    draft.json["materials"] = json!([
+        { "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": { "KHR_materials_specular": { "specularFactor": 0 } } },
+        { "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 0.7] }, "alphaMode": "BLEND", "extensions": { "KHR_materials_unlit": {} } },
+    ]);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_materials_clearcoat"]);
+    let scene = draft.load("special.gltf");
+    assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { .. }));
+    assert_eq!(scene.materials[1].emission.unwrap().radiance.factor, Vec3::X);
+    assert_eq!(scene.materials[1].alpha_mask.unwrap().cutoff, 0.5);
+    for part in ["unlit", "BLEND", "KHR_materials_clearcoat is not supported"] {
+        assert!(warned(&scene, part), "{:?} lacks {part}", scene.warnings);
+    }
+    assert!(!warned(&scene, "KHR_materials_unlit is not supported"));
+
+    let offset = draft.json["bufferViews"][view]["byteOffset"].as_u64().unwrap();
+    draft.data[offset as usize] = 0;
+    draft.json["materials"][0]["emissiveTexture"] = json!({ "index": 0 });
+    draft.refused("image.gltf", "images[0]", "the image");
+}
+
+#[test]
+fn transmission_and_volumes_are_read() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    draft.json["extensionsUsed"] =
+        json!(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"]);
+    draft.json["extensionsRequired"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
+    let glass =
+        |extensions: Value| json!([{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": extensions }]);
+    let transmission = json!({ "transmissionFactor": 0.8, "transmissionTexture": { "index": 0 } });
+    let mut volume = json!({ "thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [0.25, 0.5, 1] });
+    let all = |volume: &Value| {
+        glass(json!({ "KHR_materials_transmission": transmission, "KHR_materials_volume": volume,
+                      "KHR_materials_ior": { "ior": 1.33 } }))
+    };
+    let view = draft.view(&bmp());
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["textures"] = json!([{ "source": 0 }]);
+    draft.json["materials"] = all(&volume);
+    let scene = draft.load("volume.gltf");
+    let material = &scene.materials[0];
+    let Bsdf::MetallicRoughness { transmission: share, ior, .. } = material.bsdf else { panic!("{material:?}") };
+    let (texture, channel) = share.texture.expect("a texture");
+    assert_eq!((share.factor, channel, ior, scene.textures[texture.texture].srgb), (0.8, 0, 1.33, false));
+    assert!(material.bsdf.transmits() && material.sides == Sides::Two);
+    // White turns into the colour over the distance.
+    let Boundary::Volume { absorption } = material.boundary else { panic!("{material:?}") };
+    assert!((-absorption * 0.5).exp().abs_diff_eq(Vec3::new(0.25, 0.5, 1.0), 1e-6), "{absorption}");
+    assert!(warned(&scene, "KHR_materials_diffuse_transmission is not supported"));
+    for part in ["KHR_materials_transmission", "KHR_materials_volume"] {
+        assert!(!warned(&scene, part), "{:?}", scene.warnings);
+    }
+
+    volume["thicknessTexture"] = json!({ "index": 0 });
+    volume["attenuationColor"] = json!([0, 1, 1]);
+    draft.json["materials"] = all(&volume);
+    let scene = draft.load("thickness.gltf");
+    assert!(warned(&scene, "thickness textures"), "{:?}", scene.warnings);
+    let Boundary::Volume { absorption } = scene.materials[0].boundary else { panic!("a volume") };
+    assert!(absorption.is_finite() && absorption.x > 100.0 && absorption.y == 0.0, "{absorption}");
+
+    volume["attenuationDistance"] = json!(0);
+    draft.json["materials"] = all(&volume);
+    draft.refused("attenuation.gltf", "materials[0]", "attenuationDistance");
+    // Without thickness, or without the extension, the surface is a sheet.
+    for volume in [json!({ "attenuationDistance": 1 }), json!({ "thicknessFactor": 0 })] {
+        draft.json["materials"] = all(&volume);
+        assert_eq!(draft.load("sheet.gltf").materials[0].boundary, Boundary::Sheet);
+    }
+    draft.json["materials"] = glass(json!({ "KHR_materials_transmission": transmission }));
+    let scene = draft.load("thin.gltf");
+    assert!(scene.materials[0].boundary == Boundary::Sheet && scene.materials[0].bsdf.transmits());
+    draft.json["materials"] = glass(json!({}));
+    assert!(!draft.load("opaque.gltf").materials[0].bsdf.transmits());
+}
+
+#[test]
+fn cameras_and_lights_stand_where_their_nodes_stand() {
+    let mut draft = Draft::triangle();
+    draft.json["cameras"] = json!([
+        { "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } },
+        { "type": "orthographic", "orthographic": { "xmag": 2, "ymag": 3, "znear": 0, "zfar": 1 } },
+    ]);
+    draft.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
+        { "type": "point", "color": [1, 0.5, 0.25], "intensity": 8, "range": 3 },
+        { "type": "directional", "intensity": 3 },
+        { "type": "spot", "intensity": 2, "spot": { "outerConeAngle": 0.6 } },
+    ] } });
+    draft.json["scenes"][0]["nodes"] = json!([0, 1, 2, 3]);
+    let light = |i: u32| json!({ "KHR_lights_punctual": { "light": i } });
+    // A quarter turn about Y takes -Z to -X.
+    let turn = json!([0.0, 0.5_f32.sqrt(), 0.0, 0.5_f32.sqrt()]);
+    draft.json["nodes"] = json!([
+        { "mesh": 0 },
+        { "camera": 0, "rotation": turn, "scale": [2, 3, -4], "extensions": light(1), "name": "eye" },
+        { "camera": 1, "translation": [0, 0, 5], "extensions": light(0) },
+        { "rotation": turn, "translation": [1, 2, 3], "extensions": light(2) },
+    ]);
+    let scene = draft.load("lights.gltf");
+    assert!(warned(&scene, "range"), "{:?}", scene.warnings);
+    assert_eq!(scene.cameras[0].name, "eye");
+    assert_eq!(scene.cameras[0].projection, Projection::Perspective { fov: 0.5, axis: scene::FovAxis::Y });
+    // Scales and mirrorings are removed; the view rotates with its axis.
+    let matrix = scene.cameras[0].world_from_camera.matrix3;
+    assert!((matrix.determinant() - 1.0).abs() < 1e-5);
+    assert!(Vec3::from(-matrix.z_axis).abs_diff_eq(Vec3::X, 1e-5), "{matrix}");
+    assert_eq!(scene.cameras[1].projection, Projection::Orthographic { half_extent: Vec2::new(2.0, 3.0) });
+    assert_eq!(scene.lights[1], Light::Point { position: Vec3::new(0., 0., 5.), intensity: Vec3::new(8., 4., 2.) });
+    let Light::Spot { position, direction, outer_angle, falloff, .. } = scene.lights[2] else { panic!() };
+    assert_eq!((position, outer_angle, falloff), (Vec3::new(1., 2., 3.), 0.6, scene::SpotFalloff::CosineSquared));
+    assert!(direction.abs_diff_eq(-Vec3::X, 1e-5), "{direction}");
+}
+
+#[test]
+fn lights_have_a_size_by_their_extras() {
+    let mut draft = Draft::triangle();
+    let spot = json!({ "outerConeAngle": 0.6 });
+    draft.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [
+        { "type": "point", "intensity": 8, "extras": { "radius": 0.25, "note": "ours" } },
+        { "type": "directional", "intensity": 3, "extras": { "angle": 4 } },
+        { "type": "spot", "intensity": 2, "spot": spot, "extras": { "radius": 1 } },
+        { "type": "point", "extras": ["radius"] },
+        { "type": "point", "extras": { "radius": "large" } },
+        { "type": "directional", "extras": { "angle": 181 } },
+        { "type": "spot", "spot": spot, "extras": { "radius": -1 } },
+    ] } });
+    draft.json["scenes"][0]["nodes"] = json!([0, 1, 2, 3, 4, 5, 6]);
+    let node = |i: u32| json!({ "translation": [1, 2, 3], "extensions": { "KHR_lights_punctual": { "light": i } } });
+    draft.json["nodes"] = (0..7).map(node).collect();
+    let scene = draft.load("sizes.gltf");
+    let lamp = scene::Lamp {
+        position: Vec3::new(1.0, 2.0, 3.0),
+        world_from_lamp: glam::Mat3::IDENTITY,
+        radius: 0.25,
+        intensity: Vec3::splat(8.0),
+        cone: None,
+        pattern: None,
+    };
+    assert_eq!(scene.lights[0], Light::Lamp(lamp));
+    let angle = 2.0_f32.to_radians();
+    let sun = Light::Sun { direction: Vec3::NEG_Z, irradiance: Vec3::splat(3.0), angle, of_sky: false };
+    assert_eq!(scene.lights[1], sun);
+    let Light::Lamp(spot) = scene.lights[2] else { panic!() };
+    let cone = scene::Cone { inner_angle: 0.0, outer_angle: 0.6, falloff: scene::SpotFalloff::CosineSquared };
+    assert_eq!((spot.radius, spot.cone, spot.direction()), (1.0, Some(cone), Vec3::NEG_Z));
+    // An invalid size gives a warning; other extras do not.
+    assert!(matches!(scene.lights[3], Light::Point { .. }) && matches!(scene.lights[4], Light::Point { .. }));
+    assert!(matches!(scene.lights[5], Light::Directional { .. }) && matches!(scene.lights[6], Light::Spot { .. }));
+    assert_eq!(scene.warnings.iter().filter(|w| w.contains("extras")).count(), 3, "{:?}", scene.warnings);
+}
+
+#[test]
+fn light_profiles_become_patterns() {
+    let ies = "IESNA:LM-63-2002\nTILT=NONE\n1 -1 2 3 2 1 2 0 0 0\n1 1 60\n0 90 180\n0 90\n100 50 0\n 100 25 0\n";
+    let draft = |change: &dyn Fn(&mut Value)| {
+        let mut draft = Draft::triangle();
+        let encoded = format!("data:application/octet-stream,{}", ies.replace('\n', "%0A").replace(' ', "%20"));
+        draft.json["extensionsUsed"] = json!(["EXT_lights_ies"]);
+        draft.json["extensions"] = json!({ "EXT_lights_ies": { "lights": [{ "uri": encoded }] } });
+        let used = json!({ "light": 0, "multiplier": 0.5, "color": [1, 0.5, 2] });
+        // After half a turn about X the lamp emits along +Z.
+        draft.json["nodes"] = json!([
+            { "mesh": 0 },
+            { "rotation": [1, 0, 0, 0], "scale": [5, 5, 5], "extensions": { "EXT_lights_ies": used } },
+            { "extensions": { "EXT_lights_ies": { "light": 0 } } },
+        ]);
+        draft.json["scenes"][0]["nodes"] = json!([0, 1, 2]);
+        change(&mut draft.json);
+        draft
+    };
+    let scene = draft(&|_| ()).load("profile.gltf");
+    assert!(!warned(&scene, "EXT_lights_ies"), "{:?}", scene.warnings);
+    let [Light::Lamp(turned), Light::Lamp(plain)] = scene.lights[..] else { panic!("{:?}", scene.lights) };
+    assert_eq!((scene.patterns.len(), turned.pattern, plain.pattern), (1, Some(0), Some(0)));
+    assert!(turned.direction().abs_diff_eq(Vec3::Z, 1e-6) && plain.direction() == Vec3::NEG_Z);
+    assert_eq!((turned.intensity, plain.intensity), (Vec3::new(100.0, 50.0, 100.0), Vec3::splat(200.0)));
+    let pattern = &scene.patterns[0];
+    assert_eq!((pattern.mapping, pattern.width, pattern.height), (scene::Mapping::Sphere, 360, 361));
+    assert_eq!([0, 90].map(|column| pattern.texels[180 * 360 + column][0]), [0.5, 0.25]);
+
+    draft(&|json| json["nodes"][2]["extensions"]["EXT_lights_ies"]["light"] = json!(7)).refused(
+        "profile_index.gltf",
+        "nodes[2]",
+        "lights[7], which does not exist",
+    );
+    draft(&|json| json["nodes"][2]["extensions"]["EXT_lights_ies"]["multiplier"] = json!(-1)).refused(
+        "profile_multiplier.gltf",
+        "nodes[2]",
+        "multiplier",
+    );
+    draft(&|json| json["extensions"]["EXT_lights_ies"]["lights"][0] = json!({})).refused(
+        "profile_empty.gltf",
+        "EXT_lights_ies.lights[0]",
+        "neither a uri nor a bufferView",
+    );
+    draft(&|json| json["extensions"]["EXT_lights_ies"]["lights"][0]["uri"] = json!("data:,TILT=NONE%0A1")).refused(
+        "profile_short.gltf",
+        "line 2",
+        "the file ends before",
+    );
+}
+
+#[test]
+fn planted_errors_are_found() {
+    let edit = |change: &dyn Fn(&mut Draft)| {
+        let mut draft = Draft::triangle();
+        change(&mut draft);
+        draft
+    };
+    let nan = edit(&|d| d.data[20..24].copy_from_slice(&f32::NAN.to_le_bytes()));
+    nan.refused("nan.gltf", "mesh 0 `meshes[0].primitives[0]`", "vertex 1 is not finite");
+    let far = edit(&|d| d.json["nodes"][0]["scale"] = json!([3e38, 1, 1]));
+    far.load("far.gltf");
+    let farther = edit(&|d| {
+        d.json["nodes"] = json!([{ "scale": [3e38, 1, 1], "children": [1] }, { "mesh": 0, "scale": [10, 1, 1] }])
+    });
+    farther.refused("farther.gltf", "nodes[1]", "not finite");
+    edit(&|d| d.indices(&[0, 1, 3])).refused(
+        "index.gltf",
+        "accessors[1]",
+        "index 3 at position 2 is past the 3 vertices",
+    );
+    edit(&|d| d.json["accessors"][0]["count"] = json!(4)).refused("count.gltf", "accessors[0]", "do not fit");
+    edit(&|d| d.json["accessors"][0]["count"] = json!(u64::MAX)).refused("huge.gltf", "accessors[0]", "do not fit");
+    edit(&|d| d.json["accessors"][0]["byteOffset"] = json!(u64::MAX)).refused(
+        "offset.gltf",
+        "accessors[0]",
+        "do not fit",
+    );
+    edit(&|d| d.json["accessors"][0]["type"] = json!("VEC2")).refused(
+        "type.gltf",
+        "accessors[0]",
+        "numbers per element",
+    );
+    edit(&|d| d.json["accessors"][0]["componentType"] = json!(1)).refused(
+        "component.gltf",
+        "accessors[0]",
+        "componentType",
+    );
+    edit(&|d| d.json["bufferViews"][0]["byteStride"] = json!(1)).refused("stride.gltf", "accessors[0]", "stride of 1");
+    edit(&|d| d.json["bufferViews"][0]["byteOffset"] = json!(u64::MAX)).refused(
+        "view.gltf",
+        "bufferViews[0]",
+        "do not fit",
+    );
+    edit(&|d| d.json["bufferViews"][0]["buffer"] = json!(7)).refused(
+        "buffer.gltf",
+        "bufferViews[0].buffer",
+        "does not exist",
+    );
+    edit(&|d| d.json["meshes"][0]["primitives"][0]["material"] = json!(0)).refused(
+        "material_index.gltf",
+        "material",
+        "does not exist",
+    );
+    edit(&|d| d.json["nodes"][0]["mesh"] = json!(1)).refused("mesh_index.gltf", "nodes[0].mesh", "does not exist");
+    edit(&|d| d.json["nodes"][0]["children"] = json!([0])).refused("cycle.gltf", "nodes[0]", "its own ancestor");
+    edit(&|d| d.json["nodes"] = json!([{ "children": [2] }, { "children": [2] }, {}])).refused(
+        "parents.gltf",
+        "nodes[1]",
+        "already has a parent",
+    );
+    edit(&|d| d.json["asset"]["version"] = json!("1.0")).refused("version.gltf", "asset.version", "1.0");
+    edit(&|d| d.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"])).refused(
+        "draco.gltf",
+        "extensionsRequired",
+        "KHR_draco_mesh_compression",
+    );
+    edit(&|d| d.attribute("NORMAL", "VEC3", &[0., 0., 1.])).refused(
+        "normals.gltf",
+        "accessors[1]",
+        "1 elements, but POSITION has 3",
+    );
+    edit(&|d| d.json["nodes"] = json!("x")).refused("json.gltf", "line 1 column", "invalid type");
+
+    edit(&|d| d.json["materials"] = json!([{ "emissiveFactor": [1e39, 0, 0] }])).refused(
+        "bright.gltf",
+        "materials[0]",
+        "out of range",
+    );
+    edit(&|d| d.json["materials"] = json!([{ "pbrMetallicRoughness": { "roughnessFactor": -1 } }])).load("rough.gltf");
+
+    // Every truncation of a binary file is an error, and none panics.
+    let path = Draft::triangle().write("whole.glb");
+    let bytes = std::fs::read(path).unwrap();
+    let cut = Draft::path("cut.glb");
+    for length in 0..bytes.len() {
+        std::fs::write(&cut, &bytes[..length]).unwrap();
+        let error = load_in_time(&cut).expect_err("truncated").to_string();
+        assert!(error.contains("cut.glb"), "{error}");
+    }
+    let error = scene::load("/nowhere/at all.glb").unwrap_err().to_string();
+    assert!(error.contains("at all.glb") && error.contains("cannot be read"), "{error}");
+    assert!(scene::load(env!("CARGO_TARGET_TMPDIR")).is_err());
+}
+
+#[test]
+fn a_deep_hierarchy_does_not_overflow_the_stack() {
+    let mut draft = Draft::triangle();
+    let depth = 200_000;
+    let mut nodes: Vec<Value> = (1..depth).map(|i| json!({ "children": [i] })).collect();
+    nodes.push(json!({ "mesh": 0 }));
+    draft.json["nodes"] = json!(nodes);
+    assert_eq!(draft.load("deep.gltf").instances.len(), 1);
+}
+
+#[test]
+fn shared_accessors_cannot_ask_for_unbounded_memory() {
+    let mut draft = Draft::triangle();
+    let view = draft.view(&vec![0; 1 << 20]);
+    let indices = draft
+        .push("accessors", json!({ "bufferView": view, "componentType": 5121, "count": 1 << 20, "type": "SCALAR" }));
+    draft.primitive()["indices"] = json!(indices);
+    let primitive = draft.primitive().clone();
+    draft.json["meshes"][0]["primitives"] = json!(vec![primitive; 2000]);
+    draft.refused("bomb.glb", "meshes[0].primitives[", "triangle corners");
+}

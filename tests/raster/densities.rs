@@ -1,0 +1,283 @@
+//! Samples of `raster` and `twin` follow their densities, and the weights of all strategies add up.
+
+use crate::common;
+
+use std::f32::consts::{PI, TAU};
+
+use common::gpu;
+use common::harness::run;
+use common::shaders::{self, LightDraw, PathWeights};
+use common::statistics::{chi_square_tail, p_value};
+use glam::{Mat3, Vec3};
+use lightsheaf::gpu::{Compute, Flag, Gpu, rows};
+use lightsheaf::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
+use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
+use lightsheaf::render::layouts::{LightPoint, Lighting};
+use lightsheaf::render::lights::bundle_directions::BundleDirections;
+use lightsheaf::render::sampler::{Decision, Sampler, uniform_sphere};
+use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
+
+/// Draws, and paths.
+const MANY: u32 = 1 << 20;
+/// Significance, Sidak-corrected for the number of tests.
+const SIGNIFICANCE: f64 = 0.01;
+/// A bit of LightPoint.traits (lib/lights/light.wesl).
+const TWO_SIDED_LIGHT: u32 = 1;
+/// Bins along two axes.
+const BINS: [usize; 2] = [32, 32];
+/// Rays along a side of a bin whose density is taken.
+const RAYS: usize = 32;
+
+/// Returns, for paths of one bounce and of two, the sum of the weights times their sample counts, and the
+/// largest distance of a term from its share in the products of counts and densities.
+fn weights(gpu: &Gpu, sample_counts: [f32; 4], beta: f32, kind: u32) -> Vec<[f32; 4]> {
+    let pass = Compute::from_source(gpu, "path_weights", &shaders::PATH_WEIGHTS, &[]);
+    let uniform = gpu.uniform::<PathWeights>("of_paths");
+    gpu.queue.write_buffer(
+        &uniform,
+        0,
+        bytemuck::bytes_of(&PathWeights { sample_counts, beta, kind, ..Default::default() }),
+    );
+    let sums = gpu.storage("weight_sums", u64::from(MANY) * 16);
+    let bindings = [("of_paths", uniform.as_entire_binding()), ("weight_sums", sums.as_entire_binding())];
+    run(gpu, &pass, &bindings, rows(MANY), (&sums, MANY as usize))
+}
+
+/// Sample counts of the strategies: all and subsets, a pool of 16 light candidates, and one sample per light,
+/// which counts as 1 / p samples of a light that is chosen with p = 0.3. The plan has the latter two in
+/// direct light, where s = 2 and 3 do not exist; the weights hold with them, too.
+const SAMPLE_COUNTS: [[f32; 4]; 8] = [
+    [1.0, 1.0, 1.0, 1.0],
+    [1.0, 1.0, 1.0, 0.0],
+    [0.0, 1.0, 1.0, 1.0],
+    [1.0, 1.0, 0.0, 0.0],
+    [1.0, 16.0, 0.0, 0.0],
+    [1.0, 1.0 / 0.3, 0.0, 0.0],
+    [1.0, 16.0, 1.0, 1.0],
+    [0.0, 1.0 / 0.3, 1.0, 1.0],
+];
+
+#[test]
+fn weights_sum_to_one() {
+    let Some(gpu) = gpu() else { return };
+    for (light, kind) in [("point", POINT), ("triangle", AREA), ("sky", SKY)] {
+        for beta in [1.0, 2.0] {
+            for sample_counts in SAMPLE_COUNTS {
+                let sums = weights(gpu, sample_counts, beta, kind);
+                let worst = |of: fn(&[f32; 4]) -> f32| sums.iter().map(of).fold(0.0, f32::max);
+                let sum = worst(|s| (s[0] - 1.0).abs().max((s[2] - 1.0).abs()));
+                let apart = worst(|s| s[1].max(s[3]));
+                println!("{light}, {sample_counts:?}, beta {beta}: sums within {sum:e}, weights within {apart:e}");
+                assert!(sum <= 1e-5 && apart <= 1e-5, "{light}, {sample_counts:?}, beta {beta}: {sum} {apart}");
+            }
+        }
+    }
+}
+
+/// Returns draws of the sampler, or densities of given rays.
+fn ask(gpu: &Gpu, y0: &LightPoint, table: &[f32], questions: &[LightDraw]) -> Vec<LightDraw> {
+    let pass = Compute::from_source(gpu, "light_draws", &shaders::LIGHT_DRAWS, &[Flag::Rsm, Flag::Punctual]);
+    let y0 = gpu.upload("y0", std::slice::from_ref(y0));
+    let lighting = gpu.uniform::<Lighting>("lighting");
+    gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
+    let (table, draws) = (gpu.upload("rsm", table), gpu.upload("light_draws", questions));
+    let bindings = [
+        ("y0", y0.as_entire_binding()),
+        ("lighting", lighting.as_entire_binding()),
+        ("rsm", table.as_entire_binding()),
+        ("light_draws", draws.as_entire_binding()),
+    ];
+    run(gpu, &pass, &bindings, rows(questions.len() as u32), (&draws, questions.len()))
+}
+
+/// True if rays come from infinity.
+fn disc(kind: u32) -> bool {
+    kind == DIRECTIONAL || kind == SKY
+}
+
+/// Returns cosine and azimuth about Y of a direction, or the place on the square around a disc of radius 2
+/// across Y, in [0, 1]^2.
+fn place(kind: u32, draw: &LightDraw) -> [f32; 2] {
+    let (w, offset) = (Vec3::from(draw.w), Vec3::from(draw.offset));
+    if disc(kind) {
+        return [0.25 * offset.x + 0.5, 0.25 * offset.z + 0.5];
+    }
+    [0.5 * w.y + 0.5, w.z.atan2(w.x).rem_euclid(TAU) / TAU]
+}
+
+/// Returns the ray at a place.
+fn ray(kind: u32, [x, y]: [f32; 2], axis: Vec3) -> LightDraw {
+    if disc(kind) {
+        let offset = Vec3::new(4.0 * x - 2.0, 0.0, 4.0 * y - 2.0);
+        return LightDraw { w: axis.to_array(), offset: offset.to_array(), asked: 1, pdf: 0.0 };
+    }
+    let z = 2.0 * x - 1.0;
+    let (sin, cos) = (TAU * y).sin_cos();
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    LightDraw { w: [r * cos, z, r * sin], asked: 1, ..Default::default() }
+}
+
+#[test]
+fn light_subpaths_start_as_their_density_says() {
+    let Some(gpu) = gpu() else { return };
+    let down = Vec3::NEG_Y;
+    let light = |name, kind, direction: Vec3| {
+        let outer_versine = if kind == SPOT { versine(0.9) } else { 2.0 };
+        (name, LightPoint { kind, direction: direction.to_array(), p: 1.0, outer_versine, ..Default::default() })
+    };
+    let tilted = Vec3::new(0.6, 0.0, 0.8);
+    let mut two_sided = light("triangle, two sides", AREA, tilted);
+    two_sided.1.traits = TWO_SIDED_LIGHT;
+    let lights = [
+        light("point", POINT, Vec3::Z),
+        light("spot", SPOT, tilted),
+        light("directional", DIRECTIONAL, down),
+        light("triangle", AREA, tilted),
+        two_sided,
+        light("sky", SKY, down),
+    ];
+    // Importances differ by up to a hundred times from cell to cell, with a mean of 1.
+    let cells = (RSM_SIDE * RSM_SIDE) as usize;
+    let sampler = |i: usize| Sampler::new(7, i as u64).get(Decision::Light);
+    let table: Vec<f32> = (0..cells).map(|i| 0.1 + 10.0 * sampler(i).powi(3)).collect();
+    let mean = table.iter().sum::<f32>() / cells as f32;
+    let table: Vec<f32> = table.iter().map(|v| v / mean).collect();
+    for (name, light) in lights {
+        let drawn = ask(gpu, &light, &table, &vec![LightDraw::default(); MANY as usize]);
+        let mut counts = vec![0_u64; BINS[0] * BINS[1]];
+        for draw in &drawn {
+            let [x, y] = place(light.kind, draw);
+            let bin = |x: f32, bins: usize| ((x * bins as f32) as usize).min(bins - 1);
+            counts[bin(x, BINS[0]) * BINS[1] + bin(y, BINS[1])] += 1;
+        }
+        // The density of a draw is the one that MIS uses, but for rounding at the borders of cells.
+        let again: Vec<_> = drawn.iter().map(|d| LightDraw { asked: 1, ..*d }).collect();
+        let again = ask(gpu, &light, &table, &again);
+        let differ = drawn.iter().zip(&again).filter(|(a, b)| (a.pdf / b.pdf - 1.0).abs() > 1e-3).count();
+        assert!(differ < drawn.len() / 1000, "{name}: {differ} densities differ");
+
+        let at = |bin: usize, sub: usize, bins: usize| (bin as f32 + (sub as f32 + 0.5) / RAYS as f32) / bins as f32;
+        let questions: Vec<_> = (0..BINS[0] * BINS[1] * RAYS * RAYS)
+            .map(|i| {
+                let (bin, sub) = (i / (RAYS * RAYS), i % (RAYS * RAYS));
+                let x = at(bin / BINS[1], sub / RAYS, BINS[0]);
+                ray(light.kind, [x, at(bin % BINS[1], sub % RAYS, BINS[1])], down)
+            })
+            .collect();
+        let measure = if disc(light.kind) { 16.0 } else { 4.0 * PI } / questions.len() as f32;
+        let bins = |light: &LightPoint, table: &[f32], factor: fn(f32) -> f32| -> Vec<f64> {
+            let answers = ask(gpu, light, table, &questions);
+            // MIS uses only points within the scene's sphere.
+            let shade = |d: &LightDraw| {
+                let r = Vec3::from(d.offset).length();
+                if disc(light.kind) && r > 2.0 { 0.0 } else { f64::from(d.pdf * factor(r) * measure) }
+            };
+            let bins = answers.chunks_exact(RAYS * RAYS);
+            bins.map(|bin| bin.iter().map(shade).sum::<f64>() * f64::from(MANY)).collect()
+        };
+        let expected = bins(&light, &table, |_| 1.0);
+        let mass = expected.iter().sum::<f64>() / f64::from(MANY);
+        assert!((mass - 1.0).abs() < 2e-3, "{name}: the density integrates to {mass}");
+        // The quadrature has an error at the borders of cells, which is smaller in larger bins.
+        let pool = |values: &mut dyn Iterator<Item = f64>| {
+            let all: Vec<f64> = values.collect();
+            let side = 8;
+            (0..BINS[0] / side * (BINS[1] / side))
+                .map(|i| {
+                    let (row, column) = (i / (BINS[1] / side) * side, i % (BINS[1] / side) * side);
+                    (0..side * side).map(|k| all[(row + k / side) * BINS[1] + column + k % side]).sum()
+                })
+                .collect::<Vec<f64>>()
+        };
+        let expected = pool(&mut expected.iter().map(|e| e / mass));
+        let counts = pool(&mut counts.iter().map(|&c| c as f64));
+        let counts: Vec<u64> = counts.iter().map(|&c| c as u64).collect();
+        let p = p_value(&counts, &expected);
+        println!("{name}: p {p:.3}, mass {mass:.5}");
+        assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(1.0 / 6.0), "{name}: p {p}");
+        // A wrong density is found: one without the table, a uniform one, or one that grows outwards.
+        let has_table = light.kind <= DIRECTIONAL;
+        let even = LightPoint { kind: if has_table || disc(light.kind) { light.kind } else { POINT }, ..light };
+        let flat = bins(&even, &vec![1.0; cells], if light.kind == SKY { |r| 0.75 * r } else { |_| 1.0 });
+        assert!(p_value(&counts, &pool(&mut flat.into_iter())) < 1e-6, "{name}: a wrong density was not noticed");
+    }
+}
+
+#[test]
+fn bundles_go_everywhere_alike() {
+    for bundle in [0, 1, 2, 63] {
+        let mut counts = vec![0_u64; BINS[0] * BINS[1]];
+        for seed in 0..MANY {
+            // One point of each of many sequences gives independent numbers.
+            let w = uniform_sphere(Sampler::new(seed, 5).get2(Decision::Bundle(bundle)));
+            let bin = |x: f32, bins: usize| ((x * bins as f32) as usize).min(bins - 1);
+            counts[bin(0.5 * w.z + 0.5, BINS[0]) * BINS[1] + bin(w.y.atan2(w.x).rem_euclid(TAU) / TAU, BINS[1])] += 1;
+        }
+        let expected = vec![f64::from(MANY) / counts.len() as f64; counts.len()];
+        let p = p_value(&counts, &expected);
+        println!("bundle {bundle}: p {p:.3}");
+        assert!(p > 1.0 - (1.0 - SIGNIFICANCE).powf(0.25), "bundle {bundle}: p {p}");
+    }
+}
+
+/// Under a sky with a map, bundle directions follow eq. (2): their frequency is that of the table, which
+/// integrates to 1 over a hemisphere.
+#[test]
+fn bundles_go_where_the_sky_is_bright() {
+    let texels: Vec<[f32; 3]> = (0..64 * 32).map(|i| [if i % 64 < 3 { 30.0 } else { i as f32 * 1e-4 }; 3]).collect();
+    for rows in [Rows::Centred, Rows::AtPoles] {
+        let map = EnvironmentMap { width: 64, height: 32, texels: texels.clone(), rows };
+        let turned = Mat3::from_rotation_x(0.7) * Mat3::from_rotation_y(2.0);
+        let sky = Environment { radiance: Vec3::ONE, map: Some(map), world_from_environment: turned };
+        let directions = BundleDirections::new(&sky).unwrap();
+        let [height, width] = [BundleDirections::ROWS, BundleDirections::COLUMNS];
+        let cell = |w: Vec3| {
+            let row = ((0.5 - 0.5 * w.y) * height as f32) as usize;
+            row.min(height - 1) * width
+                + ((w.z.atan2(w.x).rem_euclid(TAU) / TAU * width as f32) as usize).min(width - 1)
+        };
+        let pool = |counts: &[f64]| -> Vec<f64> {
+            let block = |i: usize| {
+                let (row, column) = (i / 16 * 8, i % 16 * 16);
+                (0..128).map(|k| counts[(row + k / 16) * width + column + k % 16]).sum()
+            };
+            (0..256).map(block).collect()
+        };
+        let mut counts = vec![0.0; height * width];
+        for seed in 0..MANY {
+            counts[cell(directions.draw(Sampler::new(seed, 5).get2(Decision::Bundle(0))))] += 1.0;
+        }
+        let solid_angle = 4.0 * PI / (height * width) as f32;
+        // Each of w and -w has half of it.
+        let masses: Vec<f64> = directions.pdfs.iter().map(|p| f64::from(0.5 * p * solid_angle)).collect();
+        let mass: f64 = masses.iter().sum();
+        assert!((mass - 1.0).abs() < 1e-4, "{mass}");
+        let counts: Vec<u64> = pool(&counts).iter().map(|&c| c as u64).collect();
+        let expected: Vec<f64> = pool(&masses).iter().map(|m| m * f64::from(MANY)).collect();
+        let p = p_value(&counts, &expected);
+        println!("{rows:?}: p {p:.3}");
+        assert!(p > 0.5 * SIGNIFICANCE, "{rows:?}: p {p}");
+        let even = vec![f64::from(MANY) / 256.0; 256];
+        assert!(p_value(&counts, &even) < 1e-6, "an even density was not noticed");
+        // Directions towards bright parts of the sky are denser, and so are the opposite ones.
+        let bright = turned * Vec3::new(0.1, 0.0, -1.0).normalize();
+        let dark = turned * Vec3::X;
+        let at = |w: Vec3| directions.pdfs[cell(w)];
+        assert!(at(bright) > 3.0 * at(dark) && at(-bright) > 3.0 * at(dark), "{} {}", at(bright), at(dark));
+    }
+    let black = EnvironmentMap { width: 2, height: 1, texels: vec![[0.0; 3]; 2], rows: Rows::Centred };
+    let black = Environment { radiance: Vec3::ONE, map: Some(black), world_from_environment: Mat3::IDENTITY };
+    assert!(BundleDirections::new(&black).is_none());
+}
+
+#[test]
+fn the_distribution_of_chi_square_is_right() {
+    // Tables say that 3.841 at 1, 18.307 at 10 and 124.342 at 100 degrees of freedom have a tail of 5 %, and
+    // 23.209 at 10 of 1 %.
+    for (x, dof, p) in
+        [(3.841, 1.0, 0.05), (18.307, 10.0, 0.05), (124.342, 100.0, 0.05), (23.209, 10.0, 0.01), (5.0, 20.0, 0.9997)]
+    {
+        let actual = chi_square_tail(x, dof);
+        assert!((actual / p - 1.0).abs() < 0.01, "{x} at {dof}: {actual}");
+    }
+}

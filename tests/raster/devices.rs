@@ -1,0 +1,41 @@
+//! Features that are requested of a device: `raster` requests nothing of ray tracing.
+
+use crate::common;
+
+use lightsheaf::gpu::{Gpu, GpuError};
+use lightsheaf::settings::Settings;
+
+const RAY_TRACING: wgpu::Features = wgpu::Features::EXPERIMENTAL_RAY_QUERY
+    .union(wgpu::Features::EXPERIMENTAL_RAY_HIT_VERTEX_RETURN)
+    .union(wgpu::Features::EXPERIMENTAL_RAY_TRACING_PIPELINES);
+
+#[test]
+fn raster_runs_on_a_device_without_ray_queries() {
+    let Some(gpu) = common::gpu() else { return };
+    assert!(!gpu.capabilities.ray_queries);
+    assert!(!gpu.device.features().intersects(RAY_TRACING));
+    let scene = lightsheaf::scene::load("builtin:cornell_point").unwrap();
+    let settings = Settings { width: 16, height: 16, samples: 2, ..Settings::plain() };
+    let (film, stats) = common::raster(gpu, &scene, &settings);
+    assert_eq!(stats.non_finite, 0);
+    assert!(film.pixels.iter().flatten().sum::<f32>() > 1.0);
+}
+
+#[test]
+fn ray_queries_are_there_when_asked_for() {
+    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+    assert!(gpu.capabilities.ray_queries);
+    assert_eq!(gpu.device.features() & RAY_TRACING, wgpu::Features::EXPERIMENTAL_RAY_QUERY);
+}
+
+#[test]
+fn an_adapter_without_ray_queries_is_named_with_what_to_do() {
+    match Gpu::with_ray_queries() {
+        Ok(gpu) => assert!(gpu.capabilities.ray_queries),
+        Err(error @ GpuError::NoRayQueries { .. }) => println!("this adapter: {error}"),
+        Err(error) => println!("skipped: {error}"),
+    }
+    let error = GpuError::NoRayQueries { adapter: "Old (driver 1)".to_owned(), feature: "RAY".to_owned() };
+    let text = error.to_string();
+    assert!(["Old (driver 1)", "RAY", "--method raster"].iter().all(|part| text.contains(part)), "{text}");
+}

@@ -1,0 +1,189 @@
+//! Denoised frames: right in the mean, nearer to the truth than as many frames unfiltered, and quick to
+//! follow changes.
+
+use crate::common;
+
+use common::scenes::{add, pinhole};
+use common::{gpu, gpu_with_ray_queries, raster};
+use glam::{Affine3A, Vec3};
+use lightsheaf::film::Film;
+use lightsheaf::gpu::Gpu;
+use lightsheaf::metrics::{Comparison, compare};
+use lightsheaf::render::renderer::Renderer as _;
+use lightsheaf::render::shared::SharedRenderer;
+use lightsheaf::scene::model::shapes;
+use lightsheaf::scene::{Light, Material, Scene, builtin};
+use lightsheaf::settings::Settings;
+
+fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
+    Settings { width: 64, height: 64, interleave: Some(interleave), history, samples, seed: 5, ..Settings::plain() }
+}
+
+fn live() -> Settings {
+    settings(4, 32, 1)
+}
+
+/// Returns a room with a box on its floor and two lights near the ceiling.
+fn room(lamps: [f32; 2], boxed: Vec3) -> Scene {
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(0.0, 0.0, 0.95), Vec3::NEG_Z, 1.3)], ..Scene::default() };
+    add(&mut scene, shapes::room(1.0), Material::diffuse("room", Vec3::new(0.7, 0.6, 0.5)));
+    add(&mut scene, shapes::cube(), Material::diffuse("box", Vec3::new(0.3, 0.5, 0.7)));
+    scene.instances[1].world_from_local =
+        Affine3A::from_scale_rotation_translation(Vec3::splat(0.25), glam::Quat::from_rotation_y(0.4), boxed);
+    let place = |n: usize| Vec3::new(0.5 * n as f32 - 0.25, 0.8, 0.1);
+    scene.lights = (0..2).map(|n| Light::Point { position: place(n), intensity: Vec3::splat(lamps[n]) }).collect();
+    scene
+}
+
+const BOXED: Vec3 = Vec3::new(0.3, -0.7, -0.3);
+
+fn truth(gpu: &Gpu, scene: &Scene) -> Film {
+    raster(gpu, scene, &settings(1, 0, 512)).0
+}
+
+fn against(film: &Film, truth: &Film) -> Comparison {
+    compare(film, truth).unwrap()
+}
+
+fn mean(film: &Film) -> f64 {
+    film.pixels.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / (3 * film.pixels.len()) as f64
+}
+
+/// Poses a scene and renders more frames.
+fn frames(renderer: &mut SharedRenderer, scene: &Scene, count: u64) -> Film {
+    renderer.pose(scene).unwrap();
+    renderer.render(count, &mut |_| true).unwrap();
+    renderer.film().unwrap()
+}
+
+/// A frame of one light subpath that is divided into layers and composed is the undivided picture.
+#[test]
+fn layers_add_up_to_the_picture() {
+    let Some(gpu) = gpu() else { return };
+    for name in ["cornell_point", "cornell_glossy", "cornell_area", "cornell_env", "corner_spikes", "point_hall:40"] {
+        let scene = builtin::load(name).unwrap();
+        let plain = Settings { width: 40, height: 30, samples: 1, ..Settings::plain() };
+        let whole = raster(gpu, &scene, &plain).0;
+        let apart = raster(gpu, &scene, &Settings { history: 1, ..plain }).0;
+        let brightest = whole.pixels.iter().flatten().fold(0.0_f32, |a, &b| a.max(b));
+        assert!(brightest > 0.0, "{name}");
+        for (a, b) in whole.pixels.iter().flatten().zip(apart.pixels.iter().flatten()) {
+            assert!((a - b).abs() <= 1e-4 * a.abs() + 1e-6 * brightest, "{name}: {a} is {b} in layers");
+        }
+    }
+}
+
+/// Each pixel of a square has its own random numbers, and all have the same mean.
+#[test]
+fn interleaved_classes_are_right_in_the_mean() {
+    let Some(gpu) = gpu() else { return };
+    let scene = room([5.0, 3.0], BOXED);
+    let truth = truth(gpu, &scene);
+    let film = raster(gpu, &scene, &Settings { unfiltered: true, ..settings(4, 0, 128) }).0;
+    let seen = against(&film, &truth);
+    assert!(seen.mean_bias.abs() < 0.005 && seen.rel_mse < 0.01, "{seen:?}");
+}
+
+/// With the same number of frames, filtering reduces the error. A coarser resolution of indirect light costs
+/// some of it.
+#[test]
+fn filtered_frames_are_nearer_to_the_truth() {
+    let Some(gpu) = gpu() else { return };
+    let scene = builtin::load("cornell_point").unwrap();
+    let truth = truth(gpu, &scene);
+    let of = |settings: &Settings| against(&raster(gpu, &scene, settings).0, &truth);
+    let plain = of(&settings(1, 0, 8));
+    let alone = of(&Settings { unfiltered: true, ..settings(4, 0, 8) });
+    let filtered = of(&settings(4, 0, 8));
+    let remembered = of(&settings(4, 16, 8));
+    let coarse = of(&Settings { upsample: 2, ..settings(4, 16, 8) });
+    for (name, seen) in [("filtered", &filtered), ("remembered", &remembered)] {
+        assert!(seen.rel_mse < plain.rel_mse / 3.0 && seen.flip < plain.flip / 1.5, "{name} {seen:?}, plain {plain:?}");
+        assert!(seen.mean_bias.abs() < 0.02, "{name} {seen:?}");
+    }
+    // All light but direct light has 32 pixels across.
+    assert!(coarse.rel_mse < plain.rel_mse / 2.0 && coarse.mean_bias.abs() < 0.04, "{coarse:?}, plain {plain:?}");
+    assert!(alone.rel_mse > 3.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
+}
+
+/// Returns the number of frames after a light is switched off until 95 % of the change is in the picture and
+/// stays there.
+fn frames_until_changed(gpu: &Gpu, settings: &Settings) -> u32 {
+    let (bright, dim) = (room([5.0, 5.0], BOXED), room([5.0, 0.01], BOXED));
+    let [before, after] = [&bright, &dim].map(|scene| mean(&raster(gpu, scene, &self::settings(1, 0, 128)).0));
+    let mut renderer = SharedRenderer::new(gpu, &bright, settings).unwrap();
+    for _ in 0..32 {
+        frames(&mut renderer, &bright, 1);
+    }
+    let arrived = |film: &Film| (before - mean(film)) / (before - after);
+    let late = (1..=24)
+        .rev()
+        .zip((0..24).map(|_| arrived(&frames(&mut renderer, &dim, 1))).collect::<Vec<_>>().into_iter().rev());
+    late.take_while(|(_, arrived)| *arrived >= 0.95).last().map_or(u32::MAX, |(frame, _)| frame)
+}
+
+/// A history without gradients is slow, and the test finds that.
+#[test]
+fn a_lamp_that_goes_out_is_dark_soon() {
+    let Some(gpu) = gpu() else { return };
+    let noticed = frames_until_changed(gpu, &live());
+    assert!(noticed <= 8, "{noticed} frames");
+    // Squares of one pixel have no pixel that repeats its random numbers.
+    let unnoticed = frames_until_changed(gpu, &settings(1, 32, 1));
+    assert!(unnoticed > 8, "{unnoticed} frames");
+}
+
+/// Setting the camera gives the picture of a pose in which only the camera has moved.
+#[test]
+fn looking_elsewhere_goes_on_as_posing_does() {
+    // The same holds with acceleration structures.
+    for gpu in [gpu(), gpu_with_ray_queries()].into_iter().flatten() {
+        looks_as_it_poses(gpu);
+    }
+}
+
+fn looks_as_it_poses(gpu: &Gpu) {
+    let at = |t: f32| {
+        let mut scene = room([5.0, 3.0], BOXED);
+        scene.cameras[0] = pinhole(Vec3::new(t, 0.0, 0.95), Vec3::NEG_Z, 1.3);
+        scene
+    };
+    let [mut posed, mut looking] = [(); 2].map(|()| SharedRenderer::new(gpu, &at(0.0), &live()).unwrap());
+    for frame in 0..4 {
+        let scene = at(-0.02 * frame as f32);
+        let film = frames(&mut posed, &scene, 1);
+        gpu.check().unwrap();
+        looking.set_camera(&scene.cameras[0]).unwrap();
+        looking.render(1, &mut |_| true).unwrap();
+        let seen = against(&looking.film().unwrap(), &film);
+        assert!(seen.rel_mse < 1e-6, "frame {frame}: {seen:?}");
+    }
+}
+
+/// While a box, the camera or a light moves, the history lowers the error and leaves no trail.
+#[test]
+fn history_follows_what_moves() {
+    let Some(gpu) = gpu() else { return };
+    let boxed = |t: f32| room([5.0, 3.0], BOXED + Vec3::X * t);
+    let camera = |t: f32| {
+        let mut scene = room([5.0, 3.0], BOXED);
+        scene.cameras[0] = pinhole(Vec3::new(t, 0.0, 0.95), Vec3::NEG_Z, 1.3);
+        scene
+    };
+    let lamp = |t: f32| {
+        let mut scene = room([5.0, 3.0], BOXED);
+        scene.lights[0] = Light::Point { position: Vec3::new(-0.25 + t, 0.8, 0.1), intensity: Vec3::splat(5.0) };
+        scene
+    };
+    let moves: [(&str, &dyn Fn(f32) -> Scene); 3] = [("box", &boxed), ("camera", &camera), ("lamp", &lamp)];
+    for (name, at) in moves {
+        let mut renderer = SharedRenderer::new(gpu, &at(0.0), &live()).unwrap();
+        let films: Vec<_> = (0..9).map(|frame| frames(&mut renderer, &at(-0.02 * frame as f32), 1)).collect();
+        let last = at(-0.16);
+        let truth = truth(gpu, &last);
+        let followed = against(&films[8], &truth);
+        let alone = against(&raster(gpu, &last, &settings(4, 0, 1)).0, &truth);
+        assert!(followed.rel_mse < 0.7 * alone.rel_mse, "{name}: {followed:?}, one frame {alone:?}");
+        assert!(followed.mean_bias.abs() < 0.03, "{name}: {followed:?}");
+    }
+}

@@ -1,0 +1,463 @@
+//! BSDFs of the reference: sampling against density (chi-square), reciprocity, energy, and agreement of
+//! sampling and evaluation.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::{Vec2, Vec3};
+use lightsheaf::reference::bsdf::Bsdf;
+use lightsheaf::reference::microfacet;
+use lightsheaf::reference::surface::Frame;
+use lightsheaf::scene::{Fresnel, SMOOTH};
+
+fn all() -> Vec<(String, Bsdf)> {
+    let mut all = vec![("diffuse".to_owned(), Bsdf::Diffuse { albedo: Vec3::new(0.3, 0.6, 0.9) })];
+    for alpha in [0.08, 0.3, 0.9] {
+        all.push((
+            format!("conductor {alpha}"),
+            Bsdf::Conductor { alpha, fresnel: Fresnel::None, specular: Vec3::new(0.9, 0.7, 0.4) },
+        ));
+        let fresnel = Fresnel::Conductor { eta: Vec3::new(0.2, 0.9, 1.1), k: Vec3::new(3.9, 2.4, 2.2) };
+        all.push((format!("gold {alpha}"), Bsdf::Conductor { alpha, fresnel, specular: Vec3::ONE }));
+        let inner = microfacet::internal_diffuse_reflectance(1.5);
+        let base = Vec3::new(0.2, 0.5, 0.9) / (2.25 * (1.0 - inner));
+        all.push((format!("plastic {alpha}"), Bsdf::Plastic { alpha, base, specular: Vec3::ONE, eta: 1.5 }));
+        for metallic in [0.0, 0.4, 1.0] {
+            all.push((format!("glTF {alpha} metallic {metallic}"), gltf(alpha, metallic, 0.0, 1.0)));
+        }
+    }
+    all
+}
+
+fn gltf(alpha: f32, metallic: f32, transmission: f32, bend: f32) -> Bsdf {
+    let (base, f0) = (Vec3::new(0.9, 0.5, 0.2), Vec3::splat(0.04));
+    Bsdf::MetallicRoughness { base, metallic, alpha, f0, f90: 1.0, transmission, bend }
+}
+
+fn glass(alpha: f32, eta: f32) -> Bsdf {
+    Bsdf::Dielectric { alpha, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::new(1.0, 0.9, 0.7) }
+}
+
+/// A transmitting surface with its width and its index of refraction.
+struct Passing {
+    name: String,
+    bsdf: Bsdf,
+    alpha: f32,
+    bend: f32,
+}
+
+impl Passing {
+    /// The warps for the lobes above and below.
+    fn warps(&self, wo: Vec3) -> [Warp; 2] {
+        // Without transmission there is no lobe below, so that any warp will do.
+        let below = microfacet::refract(wo, Vec3::Z, self.bend).normalize();
+        let k = f64::from(self.alpha * self.alpha);
+        [Warp::new(Vec3::new(-wo.x, -wo.y, wo.z), k), Warp::new(below, if self.bend == 1.0 { k } else { 0.25 * k })]
+    }
+}
+
+/// Returns transmitting surfaces, each from one side and from the other.
+fn passing() -> Vec<[Passing; 2]> {
+    let both = |name: &str, alpha: f32, index: f32, bsdf: &dyn Fn(f32) -> Bsdf| {
+        [index, 1.0 / index].map(|bend| Passing {
+            name: format!("{name} {alpha} {bend}"),
+            bsdf: bsdf(bend),
+            alpha,
+            bend,
+        })
+    };
+    let mut all = Vec::new();
+    for alpha in [0.01, 0.08, 0.3, 1.0] {
+        all.push(both("glass", alpha, 1.5, &|eta| glass(alpha, eta)));
+        let Bsdf::Dielectric { eta, reflection, transmission, .. } = glass(alpha, 1.5) else { unreachable!() };
+        all.push(both("sheet", alpha, 1.0, &|_| Bsdf::Dielectric {
+            alpha,
+            eta,
+            sheet: true,
+            reflection,
+            transmission,
+        }));
+        if alpha > 0.05 {
+            // Warps as narrow as a narrow lobe leave too few bins for the diffuse one.
+            all.push(both("glTF volume", alpha, 1.4, &|bend| gltf(alpha, 0.2, 0.7, bend)));
+            all.push(both("glTF sheet", alpha, 1.0, &|bend| gltf(alpha, 0.2, 0.7, bend)));
+        }
+    }
+    all
+}
+
+fn observers() -> [Vec3; 3] {
+    [(1.0, 0.0), (0.6, 1.0), (0.15, 4.0)].map(|(z, phi): (f32, f32)| {
+        let s = (1.0 - z * z).sqrt();
+        Vec3::new(s * phi.cos(), s * phi.sin(), z)
+    })
+}
+
+/// Returns the upper tail of the chi-square distribution as a standard normal deviate (Wilson and Hilferty
+/// 1931).
+fn deviate(statistic: f64, freedom: f64) -> f64 {
+    let spread = 2.0 / (9.0 * freedom);
+    ((statistic / freedom).cbrt() - (1.0 - spread)) / spread.sqrt()
+}
+
+/// A map from the unit square to directions around an axis: with w = (1 - cos) / 2, x = w (1 + k) / (w + k).
+/// A small k enlarges directions near the axis, a large one preserves areas.
+#[derive(Clone, Copy)]
+struct Warp {
+    frame: Frame,
+    k: f64,
+}
+
+impl Warp {
+    fn new(axis: Vec3, k: f64) -> Self {
+        Self { frame: Frame::new(axis), k }
+    }
+
+    /// Returns the direction at a place, and the solid angle per area there.
+    fn direction(&self, x: f64, y: f64) -> (Vec3, f64) {
+        let k = self.k;
+        let w = k * x / (1.0 + k - x);
+        let (s, phi) = (2.0 * (w * (1.0 - w)).sqrt(), y * TAU);
+        let local = glam::DVec3::new(s * phi.cos(), s * phi.sin(), 1.0 - 2.0 * w).as_vec3();
+        (self.frame.world(local), 2.0 * TAU * k * (1.0 + k) / ((1.0 + k - x) * (1.0 + k - x)))
+    }
+
+    fn place(&self, direction: Vec3) -> (f64, f64) {
+        let local = self.frame.local(direction).as_dvec3().normalize();
+        // 1 - cos has no digits near the axis.
+        let s2 = local.truncate().length_squared();
+        let w = if local.z > 0.0 { 0.5 * s2 / (1.0 + (1.0 - s2).max(0.0).sqrt()) } else { 0.5 * (1.0 - local.z) };
+        (w * (1.0 + self.k) / (w + self.k), local.y.atan2(local.x).rem_euclid(TAU) / TAU)
+    }
+}
+
+/// Bins have equal solid angle.
+const EVEN: Warp = Warp { frame: Frame::UP, k: 1e6 };
+
+/// Returns the chi-square statistic of 200,000 samples against the density, in bins of two warps, for
+/// directions above and below the surface, and the number of bins. Samples on the wrong side have one more
+/// bin. `scale` falsifies the density.
+fn chi_square(bsdf: &Bsdf, wo: Vec3, warps: [Warp; 2], seed: u64, scale: f64) -> (f64, f64) {
+    let (side, count) = (48, 200_000);
+    // Warped bins follow the lobe; uniform ones have to resolve it.
+    let fine = if warps[0].k < 1.0 { 12 } else { 24 };
+    let bins = side * side;
+    let mut expected = vec![0.0; 2 * bins];
+    for (bin, expected) in expected.iter_mut().enumerate() {
+        let (half, bin) = (bin / bins, bin % bins);
+        for i in 0..fine * fine {
+            let at = |bin: usize, i: usize| (bin as f64 + (i as f64 + 0.5) / fine as f64) / side as f64;
+            let (wi, solid_angle) = warps[half].direction(at(bin / side, i / fine), at(bin % side, i % fine));
+            if usize::from(wi.z < 0.0) == half {
+                *expected += f64::from(bsdf.evaluate(wo, wi).1) * solid_angle;
+            }
+        }
+        *expected *= f64::from(count) * scale / (bins * fine * fine) as f64;
+    }
+    let astray = (f64::from(count) - expected.iter().sum::<f64>()).max(0.0);
+    let mut met = vec![0.0; 2 * bins];
+    let mut lost = 0.0;
+    let mut random = seed;
+    let mut next = || {
+        // The generator is PCG with a permuted output (XSH-RR).
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let shifted = (((random >> 18) ^ random) >> 27) as u32;
+        (shifted.rotate_right((random >> 59) as u32) >> 8) as f32 / (1 << 24) as f32
+    };
+    for _ in 0..count {
+        let Some(sample) = bsdf.sample(wo, Vec2::new(next(), next()), next()) else {
+            lost += 1.0;
+            continue;
+        };
+        assert!((sample.wi.length() - 1.0).abs() < 1e-4);
+        let half = usize::from(sample.wi.z < 0.0);
+        let (x, y) = warps[half].place(sample.wi);
+        let [i, j] = [x, y].map(|v| ((v * side as f64) as usize).min(side - 1));
+        met[half * bins + i * side + j] += 1.0;
+    }
+    // Bins of fewer than 8 are pooled.
+    let (mut statistic, mut freedom, mut pool) = (0.0, -1.0, (lost, astray));
+    for (&met, &expected) in met.iter().zip(&expected) {
+        if expected < 8.0 {
+            pool = (pool.0 + met, pool.1 + expected);
+        } else {
+            statistic += (met - expected) * (met - expected) / expected;
+            freedom += 1.0;
+        }
+    }
+    if pool.1 >= 8.0 {
+        statistic += (pool.0 - pool.1) * (pool.0 - pool.1) / pool.1;
+        freedom += 1.0;
+    } else {
+        assert!(pool.0 < 30.0, "{} samples where {} were expected", pool.0, pool.1);
+    }
+    assert!(freedom >= 3.0, "the test has something to test");
+    (statistic, freedom)
+}
+
+#[test]
+fn samples_follow_their_density() {
+    // The tests have a significance of 1 % in all (Sidak): with 141 of them, 0.0071 % each, a deviate of 3.8.
+    let mut tests = 0;
+    let mut follows = |name: &str, bsdf: &Bsdf, wo: Vec3, warps: [Warp; 2]| {
+        let (statistic, freedom) = chi_square(bsdf, wo, warps, 17 + tests % 3, 1.0);
+        let z = deviate(statistic, freedom);
+        assert!(
+            z < 3.8,
+            "{name}, wo {wo}: chi-square {statistic:.0} with {freedom} degrees of freedom, deviate {z:.1}"
+        );
+        tests += 1;
+    };
+    for wo in observers() {
+        all().iter().for_each(|(name, bsdf)| follows(name, bsdf, wo, [EVEN; 2]));
+        passing().iter().flatten().for_each(|p| follows(&p.name, &p.bsdf, wo, p.warps(wo)));
+    }
+    assert_eq!(tests, 141);
+}
+
+#[test]
+fn canary_a_density_that_is_off_is_rejected() {
+    for (name, bsdf) in all() {
+        let (statistic, freedom) = chi_square(&bsdf, observers()[1], [EVEN; 2], 3, 0.97);
+        assert!(deviate(statistic, freedom) > 5.0, "{name}: {statistic:.0} with {freedom}");
+    }
+    for p in passing().iter().flatten() {
+        let wo = observers()[1];
+        let (statistic, freedom) = chi_square(&p.bsdf, wo, p.warps(wo), 3, 0.97);
+        assert!(deviate(statistic, freedom) > 5.0, "{}: {statistic:.0} with {freedom}", p.name);
+    }
+}
+
+#[test]
+fn reciprocity() {
+    let directions: Vec<Vec3> = (0..19).map(|i| f32_direction(0.03 + i as f32 * 0.05, i as f32 * 2.4)).collect();
+    for (name, bsdf) in all() {
+        let mut positive = 0;
+        for &a in &directions {
+            for &b in &directions {
+                let forth = bsdf.evaluate(a, b).0 / b.z;
+                let back = bsdf.evaluate(b, a).0 / a.z;
+                let size = forth.max_element().max(1e-6);
+                assert!((forth - back).abs().max_element() < 1e-4 * size, "{name} {a} {b}: {forth} {back}");
+                positive += u32::from(forth.min_element() > 0.0);
+            }
+        }
+        assert!(positive > 300, "{name}: {positive}");
+    }
+}
+
+/// Transmission is reciprocal: f from a to b over n_a^2 is f from b to a over n_b^2, since radiance over n^2
+/// is conserved.
+#[test]
+fn reciprocity_through_a_surface() {
+    let below = |w: Vec3| w.with_z(-w.z);
+    let directions: Vec<Vec3> = (0..19).map(|i| f32_direction(0.03 + i as f32 * 0.05, i as f32 * 2.4)).collect();
+    for [front, back] in passing().iter().filter(|p| p[0].alpha > 0.05) {
+        let (name, bend) = (&front.name, front.bend);
+        let mut positive = 0;
+        for &a in &directions {
+            for &b in &directions {
+                let forth = front.bsdf.evaluate(a, below(b)).0 / b.z * (bend * bend);
+                let back = back.bsdf.evaluate(b, below(a)).0 / a.z;
+                let size = forth.max_element().max(1e-3);
+                assert!((forth - back).abs().max_element() < 1e-3 * size, "{name} {a} {b}: {forth} {back}");
+                positive += u32::from(forth.min_element() > 0.0);
+            }
+        }
+        assert!(positive > 50, "{name}: {positive}");
+    }
+}
+
+fn f32_direction(z: f32, phi: f32) -> Vec3 {
+    let s = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(s * phi.cos(), s * phi.sin(), z)
+}
+
+/// Compares the reflected and transmitted radiance under a uniform environment, by sampling and by quadrature
+/// over directions above and below; beyond a refracting surface, radiance is denser by the square of the
+/// index.
+fn furnace(bsdf: &Bsdf, wo: Vec3, warps: [Warp; 2], bend: f32) -> [[f64; 3]; 2] {
+    let mut sampled = [0.0_f64; 3];
+    let count = 1 << 14;
+    for i in 0..count {
+        let [x, y, fork, _] = sobol_burley::sample_4d(i, 0, 9);
+        if let Some(sample) = bsdf.sample(wo, Vec2::new(x, y), fork) {
+            let n2 = f64::from(sample.eta * sample.eta);
+            (0..3).for_each(|c| sampled[c] += n2 * f64::from(sample.weight[c]) / f64::from(count));
+        }
+    }
+    let mut integrated = [0.0_f64; 3];
+    let (rows, columns) = (1200, 600);
+    for (half, warp) in warps.iter().enumerate() {
+        for i in 0..rows * columns {
+            let [row, column] = [i / columns, i % columns].map(|i| f64::from(i) + 0.5);
+            let (wi, solid_angle) = warp.direction(row / f64::from(rows), column / f64::from(columns));
+            if usize::from(wi.z < 0.0) == half {
+                let n2 = if half == 1 { bend * bend } else { 1.0 };
+                let value = bsdf.evaluate(wo, wi).0 * n2;
+                (0..3).for_each(|c| integrated[c] += f64::from(value[c]) * solid_angle / f64::from(rows * columns));
+            }
+        }
+    }
+    [sampled, integrated]
+}
+
+/// Reflected energy is the same by sampling and by quadrature, and never more than the incident energy,
+/// except for glTF's dielectric: it weighs base against coat by Fresnel's term at the half vector, so that
+/// both get too much at grazing angles.
+#[test]
+fn energy() {
+    let check = |name: &str, wo: Vec3, [sampled, integrated]: [[f64; 3]; 2]| {
+        for c in 0..3 {
+            assert!((sampled[c] - integrated[c]).abs() < 5e-3, "{name} {wo}: {sampled:?} {integrated:?}");
+            let limit = if name.starts_with("glTF") { 1.2 } else { 1.001 };
+            assert!(sampled[c] <= limit, "{name} {wo}: {sampled:?}");
+            assert!(sampled[c] > 0.05, "{name} {wo}: {sampled:?}");
+        }
+    };
+    for wo in observers() {
+        all().iter().for_each(|(name, bsdf)| check(name, wo, furnace(bsdf, wo, [EVEN; 2], 1.0)));
+        passing().iter().flatten().for_each(|p| check(&p.name, wo, furnace(&p.bsdf, wo, p.warps(wo), p.bend)));
+    }
+}
+
+/// Glass loses only the energy that single scattering loses: none if it is smooth, and more the rougher it is
+/// and the more grazing the angle.
+#[test]
+fn glass_keeps_light() {
+    for (alpha, least) in [(0.0, 1.0), (0.05, 0.93), (0.3, 0.73), (1.0, 0.33)] {
+        for eta in [1.5, 1.0 / 1.5] {
+            for wo in observers() {
+                let bsdf =
+                    Bsdf::Dielectric { alpha, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::ONE };
+                let kept = furnace(&bsdf, wo, [EVEN; 2], eta)[0][0];
+                assert!(kept > least - 1e-5 && kept < 1.0 + 1e-5, "alpha {alpha}, eta {eta}, wo {wo}: {kept}");
+            }
+        }
+    }
+}
+
+/// Smooth lobes have the mirror's and Snell's direction, Fresnel's share of each, and total reflection beyond
+/// the critical angle.
+#[test]
+fn smooth_glass_follows_snell_and_fresnel() {
+    for eta in [1.5_f32, 1.0 / 1.5] {
+        let bsdf = Bsdf::Dielectric { alpha: 0.0, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::ONE };
+        let mut total = 0;
+        for i in 0..90 {
+            let theta = (i as f32 + 0.5).to_radians();
+            let wo = Vec3::new(theta.sin(), 0.0, theta.cos());
+            assert!(bsdf.smooth(wo) && bsdf.evaluate(wo, f32_direction(0.5, 1.0)) == (Vec3::ZERO, 0.0));
+            let sine = theta.sin() / eta;
+            let reflectance = microfacet::fresnel_dielectric(theta.cos(), eta);
+            let [below, above] =
+                [reflectance - 1e-5, reflectance + 1e-5].map(|fork| bsdf.sample(wo, Vec2::splat(0.4), fork).unwrap());
+            assert_eq!((below.pdf_w, below.eta), (None, 1.0));
+            assert!(below.wi.distance(Vec3::new(-wo.x, 0.0, wo.z)) < 1e-6 && (below.weight.x - 1.0).abs() < 1e-5);
+            if sine >= 1.0 {
+                assert_eq!(reflectance, 1.0);
+                total += 1;
+                continue;
+            }
+            let refracted = Vec3::new(-sine, 0.0, -(1.0 - sine * sine).sqrt());
+            assert_eq!((above.pdf_w, above.eta), (None, eta));
+            assert!(above.wi.distance(refracted) < 1e-5, "{theta}: {} is not {refracted}", above.wi);
+            // Radiance is denser on the side of the higher index by its square.
+            assert!((above.weight.x * eta * eta - 1.0).abs() < 1e-5, "{above:?}");
+        }
+        // The critical angle of glass is 41.8 degrees.
+        assert_eq!(total, if eta > 1.0 { 0 } else { 48 });
+    }
+}
+
+/// A smooth sheet reflects 2 R / (1 + R), R + T R T + T R^3 T + ... with T = 1 - R, and transmits the rest in
+/// a straight line.
+#[test]
+fn a_sheet_sums_its_inner_reflections() {
+    let bsdf =
+        Bsdf::Dielectric { alpha: 0.0, eta: 1.5, sheet: true, reflection: Vec3::ONE, transmission: Vec3::splat(0.8) };
+    for wo in observers() {
+        let once = f64::from(microfacet::fresnel_dielectric(wo.z, 1.5));
+        let summed = once + (0..60).map(|i| (1.0 - once).powi(2) * once.powi(2 * i + 1)).sum::<f64>();
+        let mut sums = [0.0; 2];
+        for i in 0..4096 {
+            let sample = bsdf.sample(wo, Vec2::splat(0.3), (i as f32 + 0.5) / 4096.0).unwrap();
+            assert_eq!((sample.pdf_w, sample.eta), (None, 1.0));
+            let straight = sample.wi.z < 0.0;
+            assert_eq!(sample.wi, if straight { -wo } else { Vec3::new(-wo.x, -wo.y, wo.z) });
+            sums[usize::from(straight)] += f64::from(sample.weight.x) / 4096.0;
+        }
+        assert!((sums[0] - summed).abs() < 5e-4, "{wo}: {sums:?}, not {summed}");
+        assert!((sums[1] - 0.8 * (1.0 - summed)).abs() < 5e-4, "{wo}: {sums:?}, not {summed}");
+    }
+}
+
+/// Below the width of a smooth lobe the mirror is exact, and a diffuse base under it is still sampled.
+#[test]
+fn smooth_coats_are_mirrors_over_their_base() {
+    let wo = observers()[1];
+    let mirror = Vec3::new(-wo.x, -wo.y, wo.z);
+    let metal = Bsdf::Conductor { alpha: 0.0, fresnel: Fresnel::None, specular: Vec3::splat(0.8) };
+    let sample = metal.sample(wo, Vec2::splat(0.7), 0.0).unwrap();
+    assert!(sample.wi.distance(mirror) < 1e-6 && sample.pdf_w.is_none() && metal.smooth(wo));
+    assert_eq!(sample.weight, Vec3::splat(0.8));
+    let plastic = Bsdf::Plastic { alpha: 0.0, base: Vec3::splat(0.3), specular: Vec3::ONE, eta: 1.5 };
+    for (bsdf, coat) in [(plastic, microfacet::fresnel_dielectric(wo.z, 1.5)), (gltf(0.0, 0.0, 0.0, 1.0), 0.049_830)] {
+        assert!(!bsdf.smooth(wo));
+        let (mut mirrored, mut base) = (0.0, 0.0);
+        for i in 0..4096 {
+            let [x, y, ..] = sobol_burley::sample_4d(i, 0, 2);
+            let sample = bsdf.sample(wo, Vec2::new(x, y), 0.0).unwrap();
+            if sample.pdf_w.is_none() {
+                assert!(sample.wi.distance(mirror) < 1e-6);
+                mirrored += sample.weight.x / 4096.0;
+            } else {
+                base += sample.weight.x / 4096.0;
+            }
+        }
+        assert!((mirrored - coat).abs() < 1e-4, "{mirrored} is not {coat}");
+        assert!(base > 0.2, "{base}");
+    }
+}
+
+/// The narrowest rough lobe is nearly a mirror: it reflects Fresnel's share into a thousandth of a radian.
+#[test]
+fn the_narrowest_lobe_is_a_mirror() {
+    let bsdf = Bsdf::Conductor { alpha: SMOOTH, fresnel: Fresnel::None, specular: Vec3::splat(0.8) };
+    for wo in observers() {
+        let mirror = Vec3::new(-wo.x, -wo.y, wo.z);
+        let (mut sum, mut near) = (0.0, 0);
+        for i in 0..4096 {
+            let [x, y, ..] = sobol_burley::sample_4d(i, 0, 2);
+            let sample = bsdf.sample(wo, Vec2::new(x, y), 0.0).unwrap();
+            sum += sample.weight.x / 4096.0;
+            near += u32::from(sample.wi.distance(mirror) < 0.01 / wo.z);
+            // Both techniques of MIS must have the same density.
+            let again = bsdf.evaluate(wo, sample.wi).1;
+            let pdf_w = sample.pdf_w.unwrap();
+            assert!((again / pdf_w - 1.0).abs() < 1e-3, "{again} {pdf_w}");
+        }
+        assert!((sum - 0.8).abs() < 2e-3, "{wo}: {sum}");
+        assert!(near > 3700, "{wo}: {near}");
+    }
+}
+
+/// At normal incidence, with every term at its peak, the value is derived by hand: f = F D / 4 with D = 1 /
+/// (pi alpha^2), G = 1.
+#[test]
+fn values_at_the_peak() {
+    let alpha = 0.5;
+    let peak = 1.0 / (PI * 0.25 * 4.0);
+    let metal = Bsdf::Conductor { alpha, fresnel: Fresnel::None, specular: Vec3::ONE };
+    assert!((f64::from(metal.evaluate(Vec3::Z, Vec3::Z).0.x) - peak).abs() < 1e-5);
+    let Bsdf::MetallicRoughness { metallic, f0, f90, transmission, bend, .. } = gltf(alpha, 0.0, 0.0, 1.0) else {
+        unreachable!()
+    };
+    let gltf = Bsdf::MetallicRoughness { base: Vec3::splat(0.6), metallic, alpha, f0, f90, transmission, bend };
+    let expected = 0.04 * peak + 0.96 * 0.6 / PI;
+    assert!((f64::from(gltf.evaluate(Vec3::Z, Vec3::Z).0.x) - expected).abs() < 1e-5);
+    let inner = f64::from(microfacet::internal_diffuse_reflectance(1.5));
+    let base = 0.6 / (2.25 * (1.0 - inner));
+    let plastic = Bsdf::Plastic { alpha, base: Vec3::splat(base as f32), specular: Vec3::ONE, eta: 1.5 };
+    let expected = 0.04 * peak + 0.96 * 0.96 * base / PI;
+    assert!((f64::from(plastic.evaluate(Vec3::Z, Vec3::Z).0.x) - expected).abs() < 1e-5);
+}
