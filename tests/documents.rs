@@ -112,10 +112,9 @@ fn cited_sections_exist() {
                 let number = rest
                     .strip_prefix(", section ")
                     .map(|rest| rest.chars().take_while(char::is_ascii_digit).collect::<String>());
-                if let Some(number) = number.filter(|number| !number.is_empty()) {
-                    if !headings.iter().any(|heading| heading.starts_with(&format!("{number} "))) {
-                        wrong.push(format!("{}: docs/{name}.md has no section {number}", source.display()));
-                    }
+                let is_there = |number: &String| headings.iter().any(|h| h.starts_with(&format!("{number} ")));
+                if let Some(number) = number.filter(|number| !number.is_empty() && !is_there(number)) {
+                    wrong.push(format!("{}: docs/{name}.md has no section {number}", source.display()));
                 }
             }
         }
