@@ -116,7 +116,7 @@ def row(*cells):
 
 cpuinfo = pathlib.Path("/proc/cpuinfo")
 cpu = re.search(r"model name\s*: (.*)", cpuinfo.read_text() if cpuinfo.exists() else "")
-commit = git("rev-parse", "--short", "HEAD") + (" with changes" if git("status", "--porcelain") else "")
+commit = git("rev-parse", "--short", "HEAD") + (" with changes" if git("status", "--porcelain", "--", ".", ":!docs/results.md") else "")
 device = json.loads((work / "device.json").read_text())["device"]
 lines = [f"Commit {commit}, {datetime.date.today()}; {cpu.group(1) if cpu else 'unknown processor'}, "
          f"{os.cpu_count()} threads; {device}.", "", f"    {command}", ""]
