@@ -605,7 +605,7 @@ impl Settings {
         let method = self.method();
         let rule = match method {
             Method::Reference => "the reference traces its own rays; leave --visibility out".to_owned(),
-            _ => format!("is an option of raster, not of {method}; leave it out, or use --method shared"),
+            _ => format!("does not exist for {method} yet; leave it out, or use --method shared"),
         };
         Err(rejected("--visibility", self.visibility(), rule))
     }

@@ -196,7 +196,7 @@ fn what_cannot_be_measured_is_refused() {
     fail(&[scene, "--variant", "fast"], "NAME=OPTIONS");
     fail(&[scene, "--variant", "fast=--visibility faster"], "--variant fast");
     fail(&[scene, "--variant", "long=--samples 7"], "the same for all");
-    fail(&[scene, "--variant", "a=--method path --visibility fast"], "is an option of raster");
+    fail(&[scene, "--variant", "a=--method path --visibility fast"], "does not exist for path yet");
     fail(&[scene, "--methods", "reference,reference"], "two methods of that name");
     fail(&[scene, "--reference", "a.exr,b.exr"], "2 images for 1 scenes");
     fail(&[scene, "--reference", "no.exr", "--methods", "reference"], "no.exr");
