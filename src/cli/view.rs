@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use anyhow::{Result, anyhow, bail};
 use glam::Vec3;
 
-use lightsheaf::render::adapt::{adapted, widened_lobes};
+use lightsheaf::render::adapt::{adapted, warnings};
 use lightsheaf::scene::{EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, CameraChoice, Staging};
@@ -148,7 +148,7 @@ impl ViewArgs {
         if let Cow::Owned(adapted) = adapted(&scene, settings)? {
             scene = adapted;
         }
-        scene.warnings.extend(widened_lobes(&scene, settings));
+        scene.warnings = warnings(&scene, settings);
         scene.viewpoint = Some(Viewpoint { camera: settings.camera, size: [settings.width, settings.height] });
         Ok(scene)
     }

@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 
 use crate::render::renderer::RenderError;
-use crate::scene::{Bsdf, Material, Scene};
+use crate::scene::{Material, Scene};
 use crate::settings::Settings;
 
 /// Returns the scene as it is rendered. It is cloned only if something changes; [`Scene::warnings`] lists the
@@ -13,9 +13,8 @@ use crate::settings::Settings;
 /// # Errors
 /// [`RenderError::Setting`] if the camera cannot have the lens.
 pub fn adapted<'a>(scene: &'a Scene, settings: &Settings) -> Result<Cow<'a, Scene>, RenderError> {
-    let has_glass = || scene.materials.iter().any(|m| m.bsdf.transmits() || matches!(m.bsdf, Bsdf::Dielectric { .. }));
     let mut out = Cow::Borrowed(scene);
-    if settings.technique.shares_subpaths() && has_glass() {
+    if settings.technique.shares_subpaths() && scene.transmits() {
         out = Cow::Owned(scene.clone().without_glass());
     }
     if let (true, Some(camera)) = (settings.has_lens(), scene.cameras.get(settings.camera)) {
@@ -30,6 +29,13 @@ pub fn adapted<'a>(scene: &'a Scene, settings: &Settings) -> Result<Cow<'a, Scen
     Ok(out)
 }
 
+/// Returns the warnings of an adapted scene with the settings, each once.
+#[must_use]
+pub fn warnings(scene: &Scene, settings: &Settings) -> Vec<String> {
+    let widened = widened_lobes(scene, settings).filter(|warning| !scene.warnings.contains(warning));
+    scene.warnings.iter().cloned().chain(widened).collect()
+}
+
 /// Most materials that a warning names.
 const NAMED: usize = 3;
 
@@ -38,8 +44,7 @@ const NAMED: usize = 3;
 /// docs/limits.md). None for methods without it.
 ///
 /// Materials with a roughness texture are not considered.
-#[must_use]
-pub fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
+fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
     if !settings.technique.shares_subpaths() {
         return None;
     }
@@ -65,7 +70,7 @@ pub fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::builtin;
+    use crate::scene::{Bsdf, builtin};
     use crate::settings::Technique;
 
     #[test]

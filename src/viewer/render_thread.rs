@@ -705,8 +705,8 @@ fn scene_info(scene: &Scene, shares: bool) -> SceneInfo {
         (radiance != Vec3::ZERO && used(index)).then(|| (index, material.name.clone(), radiance))
     });
     let geometry = Geometry::new(scene);
-    let clear = scene.materials.iter().any(|m| m.bsdf.transmits());
-    let warnings = if clear && shares { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
+    let warnings =
+        if shares && scene.transmits() { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
     SceneInfo {
         spec: scene.name.clone(),
         cameras: scene.cameras.clone(),

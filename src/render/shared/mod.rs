@@ -17,7 +17,7 @@ use glam::Vec3;
 
 use crate::film::Film;
 use crate::gpu::{Gpu, read_back};
-use crate::render::adapt::{adapted, widened_lobes};
+use crate::render::adapt::{adapted, warnings};
 use crate::render::adaptive_sampling;
 use crate::render::convergence::BiasFilms;
 use crate::render::layouts::{LightVertex, PixelReservoir};
@@ -147,7 +147,7 @@ impl<'gpu> SharedRenderer<'gpu> {
             samples: 0,
             batch_size: BatchSize::default(),
             scene_stats: stats,
-            warnings: scene.warnings.iter().cloned().chain(widened_lobes(scene, settings)).collect(),
+            warnings: warnings(scene, settings),
         };
         this.choose_lights_for_view()?;
         gpu.check()?;
@@ -162,6 +162,14 @@ impl<'gpu> SharedRenderer<'gpu> {
         }
         self.choose_lights_for_view()?;
         Ok(self.gpu.check()?)
+    }
+
+    /// Takes back the probabilities that were set for a view.
+    fn choose_lights_by_power(&mut self) {
+        if let Some(by_power) = &self.by_power {
+            self.lights = by_power.clone();
+            self.scene.relight(self.gpu, &self.lights);
+        }
     }
 
     /// Sets the probabilities of lights by their unoccluded contribution to the view, if planned.
@@ -281,15 +289,13 @@ impl Renderer for SharedRenderer<'_> {
         self.frame.invalidate_views();
         self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights, self.scene_stats) = (camera, lights, stats);
+        self.warnings = warnings(scene, &self.settings);
         self.begin()
     }
 
     fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
         self.camera = camera.clone();
-        if let Some(by_power) = &self.by_power {
-            self.lights = by_power.clone();
-            self.scene.relight(self.gpu, &self.lights);
-        }
+        self.choose_lights_by_power();
         if let Some(denoiser) = &mut self.frame.denoiser {
             denoiser.camera_moved();
         }
@@ -301,9 +307,7 @@ impl Renderer for SharedRenderer<'_> {
         self.plan = FramePlan::new(&self.scene_stats, &self.settings, &self.gpu.capabilities);
         let directions = self.frame.directions.take();
         self.frame = Frame::new(self.gpu, &self.scene, &self.plan, &self.settings, directions);
-        if let Some(by_power) = &self.by_power {
-            self.lights = by_power.clone();
-        }
+        self.choose_lights_by_power();
         self.begin()
     }
 

@@ -83,6 +83,12 @@ impl Scene {
         shape.map_or(&self.meshes[mesh], |shape| &shape.base)
     }
 
+    /// Returns whether a visible surface transmits light.
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        self.instances.iter().any(|i| self.materials[self.meshes[i.mesh].material].bsdf.transmits())
+    }
+
     /// Removes glass and makes glTF's transmission opaque, for methods that cannot trace light through
     /// surfaces. Light passes removed surfaces unbent. One warning for each of the two names the materials.
     #[must_use]
