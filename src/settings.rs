@@ -34,6 +34,9 @@ const PAPER_CLAMPS: RangeInclusive<f32> = 0.0..=1.0;
 /// Samples per lobe of the roughness clamp (m' of section 5.2).
 const CLAMP_SAMPLES: RangeInclusive<f32> = 0.01..=1000.0;
 
+/// Samples per lobe in the paper.
+const CLAMP: f32 = 16.0;
+
 /// Initial capacity for list nodes, as a multiple of the estimate.
 const LIST_CAPACITIES: RangeInclusive<f32> = 0.001..=16.0;
 
@@ -105,12 +108,14 @@ pub enum Method {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Visibility {
-    /// Rasterized per-texel lists of all triangles that touch the texel, with exact intersection
+    /// Rasterized lists of all triangles that touch a texel or a cell, with exact intersection
     Exact,
     /// Rasterized depth maps and centre-sampled lists, as in Tokuyoshi and Ogaki 2012
     Fast,
     /// Ray queries of the GPU
     RayQuery,
+    /// Rays through a bounding volume hierarchy, built on the CPU and traversed in compute
+    Bvh,
 }
 
 /// Estimator together with its visibility algorithm.
@@ -120,8 +125,8 @@ pub struct Technique {
     /// Estimator of the picture
     #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Method::Shared))]
     pub method: Method,
-    /// Algorithm that answers visibility [default: exact for shared, ray-query for bdpt and path]
-    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_if("method", "twin", "ray-query")))]
+    /// Algorithm that answers visibility [default: exact; ray-query for the short names twin and ray-query]
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_ifs([("method", "twin", "ray-query"), ("method", "ray-query", "ray-query")])))]
     pub visibility: Option<Visibility>,
 }
 
@@ -133,28 +138,28 @@ impl Technique {
     /// `twin`: shared subpaths and the random numbers of [`Self::RASTER`] with ray queries.
     pub const TWIN: Self = Self { method: Method::Shared, visibility: Some(Visibility::RayQuery) };
     /// `ray-query`: bidirectional path tracing per pixel with ray queries.
-    pub const RAY_QUERY: Self = Self { method: Method::Bdpt, visibility: None };
-    /// Path tracing with ray queries.
+    pub const RAY_QUERY: Self = Self { method: Method::Bdpt, visibility: Some(Visibility::RayQuery) };
+    /// Bidirectional path tracing per pixel with exact visibility by rasterization.
+    pub const BDPT: Self = Self { method: Method::Bdpt, visibility: None };
+    /// Path tracing with exact visibility by rasterization.
     pub const PATH: Self = Self { method: Method::Path, visibility: None };
     /// CPU reference.
     pub const REFERENCE: Self = Self { method: Method::Reference, visibility: None };
 
     /// Techniques with a short name.
-    pub const NAMED: [(&str, Self); 5] = [
+    pub const NAMED: [(&str, Self); 6] = [
         ("raster", Self::RASTER),
         ("twin", Self::TWIN),
         ("ray-query", Self::RAY_QUERY),
+        ("bdpt", Self::BDPT),
         ("path", Self::PATH),
         ("reference", Self::REFERENCE),
     ];
 
-    /// Returns the visibility, or the method's default.
+    /// Returns the visibility; exact by default.
     #[must_use]
     pub fn visibility(self) -> Visibility {
-        self.visibility.unwrap_or(match self.method {
-            Method::Shared => Visibility::Exact,
-            Method::Bdpt | Method::Path | Method::Reference => Visibility::RayQuery,
-        })
+        self.visibility.unwrap_or(Visibility::Exact)
     }
 
     /// True if the device must support ray queries.
@@ -185,14 +190,14 @@ impl Technique {
     /// True if visibility lists and maps are rasterized.
     #[must_use]
     pub fn rasterizes(self) -> bool {
-        self.shares_subpaths() && self.visibility() != Visibility::RayQuery
+        self.shares_subpaths() && matches!(self.visibility(), Visibility::Exact | Visibility::Fast)
     }
 
     /// True if the combination of method and visibility is implemented.
     fn exists(self) -> bool {
         match self.method {
             Method::Shared => true,
-            Method::Bdpt | Method::Path => self.visibility() == Visibility::RayQuery,
+            Method::Bdpt | Method::Path => self.visibility() != Visibility::Fast,
             Method::Reference => self.visibility.is_none(),
         }
     }
@@ -230,7 +235,7 @@ impl FromStr for Technique {
         let of_method = || Method::ALL.into_iter().find(|method| method.name() == text);
         named.or_else(|| of_method().map(|method| Self { method, visibility: None })).ok_or_else(|| {
             let names: Vec<_> = Self::NAMED.iter().map(|(name, _)| *name).collect();
-            format!("`{text}` is none of {}, shared and bdpt", names.join(", "))
+            format!("`{text}` is none of {} and shared", names.join(", "))
         })
     }
 }
@@ -259,6 +264,19 @@ impl OnlyStrategy {
     pub fn name(&self) -> String {
         format!("s{}_t{}{}", self.s, self.t, if self.weighted { "" } else { "_unweighted" })
     }
+}
+
+/// Data structures that answer the queries of `shared` with exact visibility.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum VisibilityFrom {
+    /// The cheaper one for each kind of view, by a model of their times.
+    Auto,
+    /// Lists of triangles, rasterized into each view of each iteration.
+    Lists,
+    /// A grid of triangle lists, rasterized once for each pose.
+    Grid,
 }
 
 /// Set of strategies that contribute.
@@ -350,7 +368,8 @@ macro_rules! names {
 
 names! {
     Method { Shared = "shared", Bdpt = "bdpt", Path = "path", Reference = "reference" }
-    Visibility { Exact = "exact", Fast = "fast", RayQuery = "ray-query" }
+    Visibility { Exact = "exact", Fast = "fast", RayQuery = "ray-query", Bvh = "bvh" }
+    VisibilityFrom { Auto = "auto", Lists = "lists", Grid = "grid" }
     Strategies { All = "all", Vpl = "vpl", Bundle = "bundle", Paper = "paper" }
     LightSampling { Uniform = "uniform", Power = "power", Tree = "tree", Ris = "ris", Restir = "restir" }
     RestirBias { Unbiased = "unbiased", Biased = "biased" }
@@ -395,6 +414,10 @@ pub struct Settings {
     /// Seed of all random numbers. The same seed, settings, device and driver produce the same bytes
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed))]
     pub seed: u32,
+    /// Data structures that answer exact visibility in shared: lists rasterized in every iteration, a grid
+    /// rasterized once, or the cheaper of the two for each kind of view. The picture is the same
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Self::default().visibility_from, help_heading = SHARED))]
+    pub visibility_from: VisibilityFrom,
     /// Strategies of bidirectional path tracing that contribute
     #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Self::default().strategies, help_heading = SHARED))]
     pub strategies: Strategies,
@@ -438,8 +461,8 @@ pub struct Settings {
     pub paper_clamp: f32,
     /// Samples per lobe of the roughness clamp, 0.01 to 1000 (m' of section 5.2 of the 2012 paper). Lobes
     /// that are too narrow for this number are widened. Smaller values leave highlights sharper and noisier
-    #[cfg_attr(feature = "cli", arg(long, value_name = "N", default_value_t = Self::default().clamp_samples, allow_negative_numbers = true, help_heading = SHARED))]
-    pub clamp_samples: f32,
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = SHARED))]
+    pub clamp_samples: Option<f32>,
     /// Number of light points per iteration from which each pixel selects its direct light, 1 to 256
     /// [default: chosen from the scene]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = SHARED))]
@@ -517,6 +540,7 @@ impl Default for Settings {
             target_error: None,
             bounces: 2,
             seed: 1,
+            visibility_from: VisibilityFrom::Auto,
             strategies: Strategies::All,
             beta: None,
             light_sampling: None,
@@ -529,7 +553,7 @@ impl Default for Settings {
             vpl_resolution: None,
             light_pool: None,
             paper_clamp: 0.05,
-            clamp_samples: 16.0,
+            clamp_samples: None,
             list_room: 1.0,
             band_pixels: None,
             interleave: None,
@@ -557,7 +581,7 @@ impl Settings {
         self.technique.method
     }
 
-    /// Returns the visibility, or the method's default.
+    /// Returns the visibility; exact by default.
     #[must_use]
     pub fn visibility(&self) -> Visibility {
         self.technique.visibility()
@@ -638,7 +662,7 @@ impl Settings {
     /// Checks the ranges of all other values.
     fn check_ranges(&self) -> Result<(), OutOfRange> {
         within("--beta", self.beta, &BETAS, "")?;
-        within("--clamp-samples", Some(self.clamp_samples), &CLAMP_SAMPLES, "")?;
+        within("--clamp-samples", self.clamp_samples, &CLAMP_SAMPLES, "")?;
         within("--list-room", Some(self.list_room), &LIST_CAPACITIES, "")?;
         within("--band-pixels", self.band_pixels, &BAND_PIXELS, "")?;
         within("--restir-memory", Some(self.restir_memory), &RESTIR_MEMORIES, "")?;
@@ -701,6 +725,22 @@ impl Settings {
         self.target_error.is_some() && !self.is_denoised()
     }
 
+    /// True if glossy surfaces draw directions of their own beside those that pixels share: then no lobe is
+    /// widened, and paths follow mirrors and glass. Needs rays in any direction.
+    #[must_use]
+    pub fn draws_own_directions(&self) -> bool {
+        self.technique.shares_subpaths()
+            && self.visibility() != Visibility::Fast
+            && self.strategies == Strategies::All
+            && self.clamp_samples.is_none()
+    }
+
+    /// Returns the samples that the roughness clamp asks of a lobe; nearly 0 without the clamp.
+    #[must_use]
+    pub fn samples_per_lobe(&self) -> f32 {
+        self.clamp_samples.unwrap_or(if self.draws_own_directions() { 1e-12 } else { CLAMP })
+    }
+
     /// Returns the exponent of the MIS heuristic.
     #[must_use]
     pub fn beta(&self) -> f32 {
@@ -723,9 +763,11 @@ impl Settings {
         let rasterizes = self.technique.rasterizes();
         let reference = self.method() == Method::Reference;
         let strategies = (self.strategies != default.strategies && !shares).then(|| self.strategies.to_string());
+        let exact = self.technique.rasterizes() && self.visibility() == Visibility::Exact;
+        let from =
+            (self.visibility_from != default.visibility_from && !exact).then(|| self.visibility_from.to_string());
         let paper_clamp = (self.paper_clamp != default.paper_clamp && !shares).then(|| self.paper_clamp.to_string());
-        let clamp_samples =
-            (self.clamp_samples != default.clamp_samples && !shares).then(|| self.clamp_samples.to_string());
+        let clamp_samples = self.clamp_samples.filter(|_| !shares).map(|n| n.to_string());
         let capacity = (self.list_room != default.list_room && !rasterizes).then(|| self.list_room.to_string());
         let denoising = |option, value: u32, default: u32| {
             (option, (value != default && !shares).then(|| value.to_string()), "raster and twin")
@@ -740,6 +782,7 @@ impl Settings {
             ("--list-room", capacity, "raster"),
             ("list lengths", (self.list_lengths && !rasterizes).then(|| "true".to_owned()), "raster"),
             ("--strategies", strategies, "raster and twin"),
+            ("--visibility-from", from, "raster"),
             ("--band-pixels", self.band_pixels.filter(|_| !shares).map(|n| n.to_string()), "raster and twin"),
             ("--clamp-samples", clamp_samples, "raster and twin"),
             ("--paper-clamp", paper_clamp, "raster and twin"),

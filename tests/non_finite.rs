@@ -75,6 +75,7 @@ fn scenes_that_are_right_have_none() {
         "extend",
         "eye_paths",
         "eye_vertices",
+        "grid_triangles",
         "light_candidates",
         "light_candidates_test",
         "light_importance",

@@ -4,8 +4,9 @@ use lightsheaf::gpu::{Capabilities, Flag};
 use lightsheaf::render::shared::plan::FramePlan;
 use lightsheaf::render::shared::plan::strategies::Connection;
 use lightsheaf::render::shared::plan::views::ViewRole;
+use lightsheaf::render::visibility::tracer::Tracing;
 use lightsheaf::scene::{Camera, Lens, SceneStats, builtin};
-use lightsheaf::settings::{LightSampling, OnlyStrategy, Settings, Strategies, Technique};
+use lightsheaf::settings::{LightSampling, OnlyStrategy, Settings, Strategies, Technique, Visibility, VisibilityFrom};
 
 fn capabilities() -> Capabilities {
     Capabilities {
@@ -435,10 +436,20 @@ fn flags_follow_the_scene() {
     assert!(flags(&one_light()).is_empty());
     assert_eq!(flags(&SceneStats { texels: 16, ..one_light() }), [Flag::Textures]);
     assert_eq!(flags(&SceneStats { vertex_colors: true, ..one_light() }), [Flag::VertexColors]);
-    assert_eq!(flags(&SceneStats { glossy_triangles: 1, ..one_light() }), [Flag::Glossy]);
+    let glossy = SceneStats { glossy_triangles: 1, ..one_light() };
+    assert_eq!(flags(&glossy), [Flag::Glossy, Flag::Specular]);
+    let clear = SceneStats { transmits: true, smooth: true, ..glossy.clone() };
+    assert_eq!(flags(&clear), [Flag::Glossy, Flag::Specular, Flag::Transmission]);
+    // Neither the roughness clamp nor depth maps leave room for directions of a pixel's own.
+    let clamped = Settings { clamp_samples: Some(16.0), ..bounces(2) };
+    let fast = Settings { technique: Technique::FAST, ..bounces(2) };
+    for settings in [clamped, fast, with(Strategies::Paper, 2)] {
+        assert_eq!(plan(&glossy, &settings).surface_flags, [Flag::Glossy]);
+    }
     assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), [Flag::Masks]);
     let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
-    assert_eq!(flags(&all), [Flag::Textures, Flag::VertexColors, Flag::Glossy, Flag::Masks]);
+    let names = [Flag::Textures, Flag::VertexColors, Flag::Glossy, Flag::Masks, Flag::Specular];
+    assert_eq!(flags(&all), names);
     let fast = |technique| plan(&one_light(), &Settings { technique, ..Settings::plain() });
     assert!(fast(Technique::FAST).fast && !fast(Technique::RASTER).fast);
     assert!(fast(Technique::FAST).node_words() > fast(Technique::RASTER).node_words());
@@ -448,7 +459,8 @@ fn flags_follow_the_scene() {
 #[test]
 fn bytes_grow_with_what_is_asked_for() {
     let bytes = |settings: &Settings| plan(&one_light(), settings).bytes;
-    let base = Settings { bundle_resolution: Some(128), ..Settings::plain() };
+    let lists = VisibilityFrom::Lists;
+    let base = Settings { bundle_resolution: Some(128), visibility_from: lists, ..Settings::plain() };
     let small = bytes(&base);
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
     // Buffers hold two bands' pixels; beyond, only the film and the G-buffer grow.
@@ -460,7 +472,10 @@ fn bytes_grow_with_what_is_asked_for() {
     assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { vpl_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { bounces: 3, ..base.clone() }) > small);
-    assert_ne!(bytes(&Settings { technique: Technique::FAST, ..base.clone() }), small);
+    let fast = Settings { technique: Technique::FAST, visibility_from: VisibilityFrom::Auto, ..base.clone() };
+    assert_ne!(bytes(&fast), small);
+    let grid = Settings { visibility_from: VisibilityFrom::Grid, ..base.clone() };
+    assert!(bytes(&grid) < small, "views without lists");
     assert!(bytes(&Settings { strategies: Strategies::Bundle, ..base.clone() }) < small);
     let more = plan(&SceneStats { triangles: 100_000, ..one_light() }, &base).bytes;
     assert!(more > small);
@@ -504,7 +519,9 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
     let (side, why) = interleave(&lamp, &auto);
     assert!(side == 3 && why.starts_with("auto: by the model a light subpath takes 6."), "{side} {why}");
     let metals = SceneStats { glossy_triangles: 10, narrow_metals: true, ..lamp.clone() };
-    assert_eq!(interleave(&metals, &auto).0, 6);
+    assert_eq!(interleave(&metals, &auto).0, 3);
+    assert_eq!(interleave(&metals, &Settings { clamp_samples: Some(16.0), ..auto.clone() }).0, 6);
+    let lists = Settings { visibility_from: VisibilityFrom::Lists, ..auto.clone() };
     let sized = |triangles, mean_triangle_size| SceneStats { triangles, mean_triangle_size, ..lamp.clone() };
     let sponza = SceneStats {
         environment: true,
@@ -514,13 +531,50 @@ fn the_side_of_squares_follows_from_what_views_and_pixels_cost() {
         glossy_triangles: 1,
         ..sized(262_000, 0.004)
     };
-    assert_eq!(interleave(&sponza, &auto).0, 2);
-    let fine = interleave(&sized(2_000_000, 0.001), &auto);
-    assert_eq!(fine.0, 1, "{}", fine.1);
+    // Without rasterization in each iteration, light subpaths cost little.
+    assert_eq!(interleave(&sponza, &auto).0, 3);
+    let fine = sized(2_000_000, 0.001);
+    assert_eq!([&auto, &lists].map(|settings| interleave(&fine, settings).0), [3, 1]);
     let (side, why) = interleave(&lamp, &Settings { width: 64, height: 64, ..auto.clone() });
     assert!(side == 1 && why.contains("pixels are few"), "{side} {why}");
     // The twin uses the random numbers of raster.
     assert_eq!(interleave(&lamp, &Settings { technique: Technique::TWIN, ..auto }).0, 3);
+}
+
+/// Lists are rasterized where triangles are few and pixels many; where a grid is cheaper, nothing is.
+#[test]
+fn views_are_rasterized_only_where_that_is_cheaper() {
+    let views = |stats: &SceneStats, settings: &Settings| {
+        let plan = plan_of(stats, settings);
+        assert_eq!(plan.tracing.is_some(), plan.traces_camera, "{plan}");
+        assert_eq!(plan.tracing.is_some(), runs(&plan, "gbuffer") == 0, "{plan}");
+        plan
+    };
+    let auto = Settings { interleave: Some(1), ..Settings::default() };
+    let lamp = SceneStats { sharp_lights: 1, ..one_light() };
+    let few = views(&lamp, &auto);
+    assert!(few.tracing.is_none() && few.rays_reason.contains("cheaper, by the model"), "{few}");
+    let many = views(&SceneStats { triangles: 2_000_000, mean_triangle_size: 0.001, ..lamp.clone() }, &auto);
+    assert_eq!(many.tracing, Some(Tracing::Grid));
+    // The map around the lamp is kept, and costs nothing in later iterations.
+    assert!(many.ray_views.bundles && many.ray_views.vpls && !many.ray_views.lights, "{many}");
+    for (from, tracing) in [(VisibilityFrom::Lists, None), (VisibilityFrom::Grid, Some(Tracing::Grid))] {
+        let asked = Settings { visibility_from: from, ..auto.clone() };
+        let plan = views(&lamp, &asked);
+        assert!(plan.tracing == tracing && plan.rays_reason.contains("as asked for"), "{plan}");
+    }
+    // Mirrors and glass need rays in any direction; diffuse surfaces do not.
+    let glossy = SceneStats { glossy_triangles: 1, ..lamp.clone() };
+    assert!(views(&glossy, &auto).ray_views.bundles && !views(&glossy, &auto).transmits());
+    let glass = views(&SceneStats { transmits: true, ..glossy }, &auto);
+    assert!(glass.transmits() && !glass.rasterizes_views());
+    // Random numbers do not depend on the algorithm.
+    for visibility in [Visibility::RayQuery, Visibility::Bvh] {
+        let technique = Technique { visibility: Some(visibility), ..Technique::RASTER };
+        let plan = plan_of(&lamp, &Settings { technique, ..Settings::default() });
+        assert_eq!(plan.grid.side, plan_of(&lamp, &Settings::default()).grid.side);
+        assert!(!plan.rasterizes_views());
+    }
 }
 
 #[test]

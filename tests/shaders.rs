@@ -81,8 +81,10 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
         // Bundle directions follow a map.
         && (!has(Flag::SkyBundles) || pass != EXTEND || has(Flag::EnvironmentMap))
         // Either rays or lists answer visibility, and a pass that selects light points tests none.
-        && !(has(Flag::Fast) && has(Flag::RayQuery))
-        && !(has(Flag::Choose) && (has(Flag::Fast) || has(Flag::RayQuery)))
+        && !(has(Flag::Fast) && has(Flag::Rays))
+        && !(has(Flag::Choose) && (has(Flag::Fast) || has(Flag::Rays)))
+        // The lists of a grid are written after its cells are divided.
+        && !(has(Flag::Cells) && has(Flag::Lists))
         // Patterns and the reflective shadow map belong to punctual lights; the map is read where y0 is
         // connected.
         && (!has(Flag::Patterns) || has(Flag::Punctual))
@@ -100,7 +102,7 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
         && !(has(Flag::Reuse) && has(Flag::Layered))
         && (pass != LIGHT_RESERVOIRS || has(Flag::Reuse))
         // Rays reach infinity without a flag, and VPLs are local.
-        && !(has(Flag::Infinite) && (has(Flag::RayQuery) || has(Flag::Choose)))
+        && !(has(Flag::Infinite) && (has(Flag::Rays) || has(Flag::Choose)))
         && (!has(Flag::Infinite) || has(Flag::Light) || pass != CONNECT)
         // Only one pass reads the count of list entries.
         && has(Flag::Walked) == (pass == LIST_LENGTHS)
@@ -136,6 +138,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .copied()
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
+        .filter(|f| !TRACERS.contains(f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
@@ -148,13 +151,22 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .map(|mut set| {
             set.extend(set.contains(&Flag::Glossy).then_some(Flag::Specular).filter(|_| mirrors));
-            let along = [EXTEND, LIST_LENGTHS, "queries"].contains(&pass) && !set.contains(&Flag::RayQuery);
+            let along = [EXTEND, LIST_LENGTHS, "queries"].contains(&pass) && !set.contains(&Flag::Rays);
             set.extend(along.then_some(Flag::Projected));
             set
         })
         .filter(|set| sensible(pass, set))
+        .flat_map(|set| {
+            let tracers: &[Flag] = if traces_rays(pass, &set) { &TRACERS } else { &[] };
+            let traced = |tracer| [set.as_slice(), &[tracer]].concat();
+            let others: Vec<_> = tracers.iter().copied().map(traced).collect();
+            std::iter::once(set).chain(others)
+        })
         .collect()
 }
+
+/// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
+const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];
 
 /// Parses and validates WGSL with the capabilities that every adapter has.
 fn validate(wgsl: &str) -> Result<naga::Module, String> {
@@ -170,8 +182,13 @@ fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<
 }
 
 /// True if a pass uses ray queries.
+fn queries_rays(pass: &str, set: &[Flag]) -> bool {
+    traces_rays(pass, set) && !set.iter().any(|flag| TRACERS.contains(flag))
+}
+
+/// True if a pass traces rays.
 fn traces_rays(pass: &str, set: &[Flag]) -> bool {
-    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS].contains(&pass) || set.contains(&Flag::RayQuery)
+    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS].contains(&pass) || set.contains(&Flag::Rays)
 }
 
 /// Returns the modules with an entry point.
@@ -212,7 +229,7 @@ fn link_and_validate(every: bool) {
     let distinct: Vec<_> = distinct.into_iter().collect();
     let tracing = distinct.par_iter().filter(|(wgsl, (pass, set))| {
         // A pass without ray queries needs no capability; one with them is refused without the capability.
-        let traces = traces_rays(pass, set);
+        let traces = queries_rays(pass, set);
         let ray_query = naga::valid::Capabilities::RAY_QUERY;
         let capabilities = naga::valid::Capabilities::default() | if traces { ray_query } else { Default::default() };
         let module = validate_with(wgsl, capabilities).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));

@@ -117,7 +117,7 @@ impl Contender for OnDevice<'_> {
         Details {
             about: format!("lightsheaf {}, {}", env!("CARGO_PKG_VERSION"), self.gpu.capabilities.adapter),
             passes: stats.passes,
-            bytes: Some(stats.bytes + stats.scene_bytes),
+            bytes: Some(stats.bytes + stats.scene_bytes + stats.tracer_bytes),
         }
     }
 

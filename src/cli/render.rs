@@ -340,7 +340,7 @@ impl Job<'_> {
         progress.bar.finish_and_clear();
         let render = progress.began.elapsed().as_secs_f64();
         let all = progress.samples * u64::from(self.settings.width) * u64::from(self.settings.height);
-        let RenderStats { samples, bytes, scene_bytes, non_finite, lost_nodes, redone, passes, .. } =
+        let RenderStats { samples, bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
             progress.renderer.stats();
         let cpu = || format!("CPU, {} threads", rayon::current_num_threads());
         let stats = Stats {
@@ -351,7 +351,7 @@ impl Job<'_> {
             taken: progress.convergence.as_ref().map(|_| progress.taken as f64 / all.max(1) as f64),
             seconds: Seconds { load: self.load, setup, render },
             bytes,
-            scene_bytes,
+            scene_bytes: scene_bytes + tracer_bytes,
             non_finite,
             non_finite_after,
             lost_nodes,

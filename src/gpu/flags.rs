@@ -26,7 +26,7 @@ flags! {
     VertexColors = "VERTEX_COLORS",
     /// Materials have lobes other than the diffuse one.
     Glossy = "GLOSSY",
-    /// Materials have holes (alpha masks).
+    /// Rays may pass surfaces: materials have alpha masks, or are blended.
     Masks = "MASKS",
     /// Paths continue at mirrors.
     Specular = "SPECULAR",
@@ -48,8 +48,16 @@ flags! {
 
     /// Depth maps and centre-sampled lists answer visibility.
     Fast = "FAST",
-    /// Ray queries answer visibility.
-    RayQuery = "RAY_QUERY",
+    /// Rays answer visibility in place of lists and depth maps: ray queries, if no other flag says otherwise.
+    Rays = "RAYS",
+    /// Rays are marched through a grid of triangle lists.
+    Grid = "GRID",
+    /// Rays traverse a bounding volume hierarchy in compute.
+    Bvh = "BVH",
+    /// The pass works on the cells of a grid, before they are divided.
+    Cells = "CELLS",
+    /// The pass writes the lists of a grid.
+    Lists = "LISTS",
     /// The view stores the edge functions of all triangles.
     Projected = "PROJECTED",
     /// The list entries that queries walk are counted.

@@ -15,7 +15,7 @@ pub use device::{Capabilities, Gpu, GpuError};
 pub use flags::{Flag, flag_names};
 pub use ledger::{Allocated, Counts, Ledger, Recorded};
 pub use non_finite::NonFinite;
-pub use pass::{Bindings, Compute, Raster, RasterTargets, rows};
+pub use pass::{Binding, Bindings, Compute, Raster, RasterTargets, rows};
 pub use readback::read_back;
 pub use shaders::{Source, link, link_source, module_names};
 pub use timing::{PassTime, Timings};

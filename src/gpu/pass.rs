@@ -10,8 +10,11 @@ use super::non_finite::Floats;
 use super::shaders::{self, Source};
 use super::{Flag, Gpu, flag_names};
 
+/// A resource with its name in shaders.
+pub type Binding<'a> = (&'a str, wgpu::BindingResource<'a>);
+
 /// Resources by their names in the shader. Names that a shader does not declare are ignored.
-pub type Bindings<'a> = &'a [(&'a str, wgpu::BindingResource<'a>)];
+pub type Bindings<'a> = &'a [Binding<'a>];
 
 /// Group and binding of each name.
 type Slots = BTreeMap<String, (u32, u32)>;

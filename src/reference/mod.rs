@@ -95,7 +95,7 @@ impl<'s> Reference<'s> {
         let lights = Lights::new(scene, &surfaces.geometry, sky.as_ref());
         let bvh = Bvh::new(&surfaces.geometry, |triangle| {
             let material = surfaces.material(triangle);
-            material.alpha_mask.is_some() || material.sides == Sides::OneCulled
+            material.opacity.is_some() || material.sides == Sides::OneCulled
         });
         let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
         let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);
@@ -183,8 +183,9 @@ impl<'s> Reference<'s> {
         counts
     }
 
-    /// Returns the closest hit of a ray, ignoring the triangle that it starts on and the holes of alpha
-    /// masks. The direction need not have unit length; `t` is in units of its length.
+    /// Returns the closest hit of a ray, ignoring the triangle that it starts on, the holes of alpha masks,
+    /// and blended surfaces where their opacity is below 0.5. The direction need not have unit length; `t` is
+    /// in units of its length.
     #[must_use]
     pub fn closest_hit(&self, origin: Vec3, direction: Vec3, exclude: Option<u32>) -> Option<Hit> {
         let exclude = exclude.unwrap_or(NONE);
@@ -196,7 +197,8 @@ impl<'s> Reference<'s> {
     /// transparent.
     #[must_use]
     pub fn first_hit(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        self.bvh.closest(origin, direction, f32::INFINITY, NONE, |hit| self.visible(hit, direction, 0))
+        let visible = |hit: &Hit| !self.is_culled(hit, direction, 0) && self.surfaces.solid(hit);
+        self.bvh.closest(origin, direction, f32::INFINITY, NONE, visible)
     }
 
     /// Returns the emitted radiance of a surface against a ray's direction.
@@ -217,14 +219,19 @@ impl<'s> Reference<'s> {
         self.surfaces.normals[triangle as usize]
     }
 
-    /// Returns true if the segment between two points is occluded, ignoring the triangles that they are on.
+    /// Returns true if the segment between two points is occluded, ignoring the triangles that they are on,
+    /// and what [`Self::closest_hit`] ignores.
     #[must_use]
     pub fn occluded(&self, p: Vec3, q: Vec3, exclude_p: Option<u32>, exclude_q: Option<u32>) -> bool {
-        let (exclude_p, exclude_q) = (exclude_p.unwrap_or(NONE), exclude_q.unwrap_or(NONE));
-        let start = self.step_off(p, q - p, exclude_p);
-        let end = self.step_off(q, p - q, exclude_q);
-        let solid = |hit: &Hit| self.surfaces.solid(hit);
-        self.bvh.any(start, end - start, 1.0, [exclude_p, exclude_q], solid)
+        let exclude = [exclude_p, exclude_q].map(|triangle| triangle.unwrap_or(NONE));
+        let (start, along) = self.segment(p, q, exclude);
+        self.bvh.any(start, along, 1.0, exclude, |hit| self.surfaces.solid(hit))
+    }
+
+    /// Returns start and extent of the segment between two points, off the triangles that they are on.
+    fn segment(&self, p: Vec3, q: Vec3, triangles: [u32; 2]) -> (Vec3, Vec3) {
+        let start = self.step_off(p, q - p, triangles[0]);
+        (start, self.step_off(q, p - q, triangles[1]) - start)
     }
 
     /// Offsets a ray's origin from its triangle to the side that the ray leaves to, by 1e-6 of the

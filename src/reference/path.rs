@@ -9,6 +9,8 @@
 //! it. Nested volumes therefore lose the outer volume's absorption only between the exit from an inner one
 //! and the next surface that is not a volume boundary.
 
+use std::cell::Cell;
+
 use glam::{Vec2, Vec3};
 
 use super::Reference;
@@ -16,7 +18,7 @@ use super::bsdf::Bsdf;
 use super::bvh::{Hit, NONE};
 use super::environment::Sky;
 use super::lights::{Group, LightSample, Target};
-use super::sampler::Sampler;
+use super::sampler::{Sampler, hash};
 use super::surface::Surface;
 use crate::scene::Sides;
 
@@ -68,10 +70,10 @@ impl Reference<'_> {
         let mut pdf_w = None;
         for vertex in 0.. {
             path.rays += 1;
+            let bits = sampler.bits_of_ray(path.rays);
             let start = self.step_off(origin, direction, exclude);
-            let Some(hit) =
-                self.bvh.closest(start, direction, f32::INFINITY, exclude, |hit| self.visible(hit, direction, vertex))
-            else {
+            let stops = |hit: &Hit| !self.is_culled(hit, direction, vertex) && self.stops(hit, bits);
+            let Some(hit) = self.bvh.closest(start, direction, f32::INFINITY, exclude, stops) else {
                 if let Some(sky) = &self.sky {
                     let weight = pdf_w.map_or(1.0, |pdf| self.sky_mis_weight(sky, vertex, pdf, direction));
                     path.radiance += throughput * sky.radiance(direction) * weight;
@@ -173,15 +175,32 @@ impl Reference<'_> {
         }
     }
 
-    /// Returns true if a path's ray stops at a hit. It passes through the holes of alpha masks; camera rays
-    /// also pass through culled back faces, except those of dielectrics.
-    pub(super) fn visible(&self, hit: &Hit, direction: Vec3, vertex: u32) -> bool {
+    /// Returns true if a hit is a culled back face, which camera rays pass. Those of dielectrics are not
+    /// culled.
+    pub(super) fn is_culled(&self, hit: &Hit, direction: Vec3, vertex: u32) -> bool {
         let material = self.surfaces.material(hit.triangle);
-        let culled = vertex == 0
+        vertex == 0
             && material.sides == Sides::OneCulled
             && !material.bsdf.transmits()
-            && self.surfaces.normals[hit.triangle as usize].dot(direction) >= 0.0;
-        !culled && self.surfaces.solid(hit)
+            && self.surfaces.normals[hit.triangle as usize].dot(direction) >= 0.0
+    }
+
+    /// Returns true if a hit stops a ray, by its opacity and by random bits of the ray. The decision is a
+    /// hash, so that it does not depend on the order in which the hierarchy finds hits.
+    fn stops(&self, hit: &Hit, bits: u32) -> bool {
+        let opacity = self.surfaces.opacity(hit);
+        let chance = || hash(bits ^ hash(hit.triangle)) as f32 / u32::MAX as f32;
+        opacity > 0.0 && (opacity >= 1.0 || chance() < opacity)
+    }
+
+    /// Returns the share of light that passes all surfaces between 0 and `t_max`, except two triangles.
+    fn passing(&self, origin: Vec3, direction: Vec3, t_max: f32, exclude: [u32; 2]) -> f32 {
+        let passing = Cell::new(1.0);
+        let blocks = |hit: &Hit| {
+            passing.set(passing.get() * (1.0 - self.surfaces.opacity(hit)));
+            passing.get() == 0.0
+        };
+        if self.bvh.any(origin, direction, t_max, exclude, blocks) { 0.0 } else { passing.get() }
     }
 
     /// Returns the contribution of one light sample at a vertex, from a group that was chosen with a
@@ -206,29 +225,29 @@ impl Reference<'_> {
             return Vec3::ZERO;
         }
         *rays += 1;
-        let (blocked, distance) = match sample.target {
+        let (passing, distance) = match sample.target {
             Target::Point { position, triangle, .. } => {
-                let end = (triangle != NONE).then_some(triangle);
-                let blocked = self.occluded(surface.position, position, Some(hit.triangle), end);
-                (blocked, surface.position.distance(position))
+                let (start, along) = self.segment(surface.position, position, [hit.triangle, triangle]);
+                let passing = self.passing(start, along, 1.0, [hit.triangle, triangle]);
+                (passing, surface.position.distance(position))
             }
             Target::Infinity => {
                 let start = self.step_off(surface.position, sample.direction, hit.triangle);
-                let solid = |hit: &Hit| self.surfaces.solid(hit);
-                (self.bvh.any(start, sample.direction, f32::INFINITY, [hit.triangle, NONE], solid), f32::INFINITY)
+                (self.passing(start, sample.direction, f32::INFINITY, [hit.triangle, NONE]), f32::INFINITY)
             }
         };
-        if blocked {
+        if passing == 0.0 {
             return Vec3::ZERO;
         }
         value
             * arriving
+            * passing
             * transmittance(if wi.z > 0.0 { here } else { beyond }, distance)
             * (sample.pdf_w.map_or(1.0, |light_pdf_w| power_heuristic(probability * light_pdf_w, pdf_w)) / probability)
     }
 
-    /// Returns the radiance that an area light or the sky emits from the sampled point; 1 for other lights,
-    /// whose weight includes it.
+    /// Returns the radiance that an area light, times its opacity, or the sky emits from the sampled point; 1
+    /// for other lights, whose weight includes it.
     fn radiance_of(&self, sample: &LightSample) -> Vec3 {
         match (sample.pdf_w, sample.target) {
             (None, _) => Vec3::ONE,
@@ -236,7 +255,7 @@ impl Reference<'_> {
             (Some(_), Target::Point { triangle, bary, .. }) => {
                 let hit = Hit { triangle, t: 0.0, bary };
                 let front = self.surfaces.normals[triangle as usize].dot(sample.direction) < 0.0;
-                if self.surfaces.solid(&hit) { self.surfaces.emitted(&hit, front) } else { Vec3::ZERO }
+                self.surfaces.emitted(&hit, front) * self.surfaces.opacity(&hit)
             }
         }
     }

@@ -39,6 +39,12 @@ impl Sampler {
         self.spare = Some(Vec2::new(c, d));
         Vec2::new(a, b)
     }
+
+    /// Returns random bits for the n-th ray of the path; points of the sequence are not consumed.
+    #[must_use]
+    pub fn bits_of_ray(&self, n: u32) -> u32 {
+        hash(hash(self.seed ^ hash(!self.index)).wrapping_add(n))
+    }
 }
 
 /// Maps the unit square to the unit disk uniformly by the concentric map, which keeps strata compact (Shirley

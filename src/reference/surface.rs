@@ -6,7 +6,7 @@ use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::texture::Textures;
 use crate::scene::model::geometry::Vertex;
-use crate::scene::{Boundary, Geometry, Material, NormalMap, Scene, Sides};
+use crate::scene::{Boundary, Geometry, Material, NormalMap, Opacity, Scene, Sides};
 
 /// An orthonormal basis around a shading normal.
 #[derive(Clone, Copy, Debug)]
@@ -120,13 +120,22 @@ impl<'s> Surfaces<'s> {
         &self.materials[self.geometry.materials[triangle as usize] as usize]
     }
 
-    /// Returns true if a hit is not cut out by the alpha mask.
+    /// Returns the probability that a triangle stops a ray at a hit: 0 where an alpha mask cuts it out.
+    #[must_use]
+    pub fn opacity(&self, hit: &Hit) -> f32 {
+        let Some(opacity) = &self.material(hit.triangle).opacity else { return 1.0 };
+        let corners = self.corners(hit.triangle);
+        let alpha = self.textures.scalar(opacity.value(), self.uvs(hit)) * hit.mix(corners.map(|c| c.color.w));
+        match *opacity {
+            Opacity::CutOut { cutoff, .. } => f32::from(alpha >= cutoff),
+            Opacity::Blended { .. } => alpha.clamp(0.0, 1.0),
+        }
+    }
+
+    /// Returns true if a hit counts without chance: blended surfaces do where their opacity is at least 0.5.
     #[must_use]
     pub fn solid(&self, hit: &Hit) -> bool {
-        let Some(mask) = &self.material(hit.triangle).alpha_mask else { return true };
-        let corners = self.corners(hit.triangle);
-        let alpha = hit.mix(corners.map(|c| c.color.w));
-        self.textures.scalar(&mask.value, self.uvs(hit)) * alpha >= mask.cutoff
+        self.opacity(hit) >= 0.5
     }
 
     /// Returns the texture coordinates at a hit.

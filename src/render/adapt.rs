@@ -14,7 +14,7 @@ use crate::settings::Settings;
 /// [`RenderError::Setting`] if the camera cannot have the lens.
 pub fn adapted<'a>(scene: &'a Scene, settings: &Settings) -> Result<Cow<'a, Scene>, RenderError> {
     let mut out = Cow::Borrowed(scene);
-    if settings.technique.shares_subpaths() && scene.transmits() {
+    if settings.technique.shares_subpaths() && !settings.draws_own_directions() && scene.transmits() {
         out = Cow::Owned(scene.clone().without_glass());
     }
     if let (true, Some(camera)) = (settings.has_lens(), scene.cameras.get(settings.camera)) {
@@ -45,13 +45,13 @@ const NAMED: usize = 3;
 ///
 /// Materials with a roughness texture are not considered.
 fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
-    if !settings.technique.shares_subpaths() {
+    if !settings.technique.shares_subpaths() || settings.draws_own_directions() {
         return None;
     }
     let used = |index: usize| scene.instances.iter().any(|i| scene.meshes[i.mesh].material == index);
     let needed = |material: &Material| {
         let (alpha, fresnel) = material.bsdf.lobe()?;
-        Some((0.5 * settings.clamp_samples * fresnel / (alpha * alpha).max(1e-6)).ceil())
+        Some((0.5 * settings.samples_per_lobe() * fresnel / (alpha * alpha).max(1e-6)).ceil())
     };
     let few = settings.samples as f32;
     let materials = scene.materials.iter().enumerate().filter_map(|(index, m)| Some((index, m, needed(m)?)));
@@ -63,7 +63,7 @@ fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
     }
     let names = names.join(", ");
     Some(format!(
-        "highlights of {names} are blurred below {most} samples (roughness clamp, docs/limits.md); `--method ray-query` keeps them sharp"
+        "highlights of {names} are blurred below {most} samples (roughness clamp, docs/limits.md); `--strategies all` without --clamp-samples, and with exact visibility, keeps them sharp"
     ))
 }
 
@@ -89,7 +89,8 @@ mod tests {
             };
             scene
         };
-        let plain = Settings::default();
+        let plain = Settings { clamp_samples: Some(16.0), ..Settings::default() };
+        assert_eq!(widened_lobes(&metal(0.01), &Settings::default()), None);
         // sqrt(16 / (2 64)) = 0.3536 with the default of 64 samples.
         assert!(widened_lobes(&metal(0.34), &plain).is_some_and(|text| text.contains("`metal`")));
         assert_eq!(widened_lobes(&metal(0.36), &plain), None);

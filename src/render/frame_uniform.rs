@@ -24,7 +24,9 @@ pub fn frame_uniform(
     let on_lens = lens_point(camera, sampler);
     let mut out = layouts::FrameUniform {
         clip_from_world: clip_from_world(scene, camera, size, jitter, on_lens).to_cols_array_2d(),
-        samples: (iteration + 1) as f32 / settings.clamp_samples,
+        samples: (iteration + 1) as f32 / settings.samples_per_lobe(),
+        number: iteration as u32,
+        seed: settings.seed,
         jitter,
         iteration: batch_index,
         ..camera_uniform(camera, settings)

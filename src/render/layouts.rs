@@ -60,6 +60,26 @@ layouts! {
         source: u32,
     }
 
+    /// The division of the scene's box into cells.
+    struct Grid in "visibility/grid_build/grid_triangles" {
+        low: [f32; 3],
+        scale: f32,
+        size: [u32; 3],
+        lists: u32,
+        listed: u32,
+        triangles: u32,
+        pad0: u32,
+        pad1: u32,
+    }
+
+    /// The axis along which distances of empty cells are found.
+    struct Axis in "visibility/grid_build/grid_distances" {
+        axis: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
+    }
+
     /// An instance in its pose.
     struct PosedInstance in "upload/deform" {
         world_from_local: [[f32; 4]; 3],
@@ -225,6 +245,10 @@ layouts! {
         stride: u32,
         scale: u32,
         layers: u32,
+        seed: u32,
+        number: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// A strategy's constants.
@@ -464,10 +488,10 @@ impl Attributes {
 
 impl EyeVertex {
     /// Returns the bytes per pixel. With `demodulated` a vertex holds the part of the throughput that the
-    /// diffuse base of z1 contributes.
+    /// diffuse base of z1 contributes, with `transmits` the medium before it.
     #[must_use]
-    pub fn bytes(demodulated: bool) -> u64 {
-        (size_of::<Self>() + if demodulated { 16 } else { 0 }) as u64
+    pub fn bytes(demodulated: bool, transmits: bool) -> u64 {
+        (size_of::<Self>() + 16 * (usize::from(demodulated) + usize::from(transmits))) as u64
     }
 }
 
@@ -483,8 +507,9 @@ impl SelectedLight {
 impl Shading {
     /// Returns the bytes per pixel.
     #[must_use]
-    pub fn bytes(glossy: bool) -> u64 {
-        (if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) }) as u64
+    pub fn bytes(glossy: bool, transmits: bool) -> u64 {
+        let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
+        (bytes + if transmits { 16 } else { 0 }) as u64
     }
 }
 
@@ -515,6 +540,7 @@ constants! {
         FRESNEL_NONE = 32,
         SHEET = 64,
         TRANSMITS = 128,
+        BLENDED = 256,
     }
 
     /// Values of [`Material::model`].

@@ -1,10 +1,7 @@
 //! Commands of one submission: passes are recorded with the scene's bindings and their own.
 
-use crate::gpu::{Compute, Gpu};
+use crate::gpu::{Binding, Compute, Gpu};
 use crate::render::upload::gpu_scene::GpuScene;
-
-/// A resource with its name in shaders.
-pub type Binding<'a> = (&'a str, wgpu::BindingResource<'a>);
 
 /// Commands that are being recorded for a scene.
 pub struct Recording<'a> {

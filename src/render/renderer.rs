@@ -88,6 +88,8 @@ pub struct RenderStats {
     pub bytes: u64,
     /// Bytes of the scene on the device.
     pub scene_bytes: u64,
+    /// Bytes of the grid or hierarchy that rays are traced through.
+    pub tracer_bytes: u64,
     /// The largest requests of each view.
     pub requests: Vec<ViewRequests>,
     /// Device time and runs per pass.

@@ -6,9 +6,12 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 
+use crate::scene::animation::track::{Factor, Target};
 use crate::scene::model::error::LoadError;
+use crate::scene::model::material::Opacity;
 use crate::scene::model::mesh::{Instance, Mesh};
 use crate::scene::model::scene::Scene;
+use crate::scene::model::texture::{Filter, TextureRef};
 use crate::scene::tessellation::refine;
 
 /// Maximum number of triangles of all instances together: 32 bits have to count the corners, with a margin
@@ -44,6 +47,7 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
     if scene.instances.is_empty() {
         scene.warn("the scene has no surface");
     }
+    simplify_opacities(scene);
     let black = scene.lights.iter().filter(|light| light.is_black(&scene.patterns)).count();
     if black > 0 {
         scene.warn(format!("{black} of the scene's {} lights have no power: they are ignored", scene.lights.len()));
@@ -100,6 +104,43 @@ fn repair(mesh: &mut Mesh) -> usize {
     mesh.uvs.iter_mut().flatten().filter(|t| neutral(t.is_finite())).for_each(|t| *t = Vec2::ZERO);
     mesh.colors.iter_mut().filter(|c| neutral(c.is_finite())).for_each(|c| *c = Vec4::ONE);
     repaired
+}
+
+/// Turns blended materials into opaque ones if their alpha is always 1, and into cut-out ones if it is never
+/// between 0 and 1. Those whose alpha an animation may change stay as they are.
+fn simplify_opacities(scene: &mut Scene) {
+    let mut varies = vec![false; scene.materials.len()];
+    for mesh in &scene.meshes {
+        varies[mesh.material] |= mesh.colors.iter().any(|color| color.w < 1.0);
+    }
+    let animations = scene.rig.iter().flat_map(|rig| &rig.animations);
+    for (target, _) in animations.flat_map(|animation| &animation.tracks) {
+        if let Target::Material(material, Factor::BaseColor) = *target {
+            varies[material] = true;
+        }
+    }
+    let Scene { materials, textures, images, .. } = scene;
+    for (material, varies) in materials.iter_mut().zip(varies) {
+        let Some(Opacity::Blended { value }) = material.opacity else { continue };
+        if varies {
+            continue;
+        }
+        let texel = |texture: TextureRef, test: &dyn Fn(&[u8; 4]) -> bool| {
+            images[textures[texture.texture].image].texels.iter().all(test)
+        };
+        let is_nearest = |texture: TextureRef| textures[texture.texture].filter == Filter::Nearest;
+        let is_opaque =
+            value.factor >= 1.0 && value.texture.is_none_or(|(t, c)| texel(t, &|t| t[c as usize & 3] == 255));
+        let is_binary = match value.texture {
+            None => value.factor <= 0.0,
+            Some((t, c)) => value.factor == 1.0 && is_nearest(t) && texel(t, &|t| matches!(t[c as usize & 3], 0 | 255)),
+        };
+        if is_opaque {
+            material.opacity = None;
+        } else if is_binary {
+            material.opacity = Some(Opacity::CutOut { value, cutoff: 0.5 });
+        }
+    }
 }
 
 /// Counts the triangles of emissive materials with zero area in world space.

@@ -1,5 +1,5 @@
 //! Runs passes of tests/shaders on many queries at once; the harness puts visibility queries to views and to
-//! ray queries.
+//! the data structures of rays.
 
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use lightsheaf::render::recording::Recording;
 use lightsheaf::render::shared::passes::views::rasterize_view::RasterizeView;
 use lightsheaf::render::shared::plan::FramePlan;
 use lightsheaf::render::upload::gpu_scene::GpuScene;
-use lightsheaf::render::visibility::acceleration::Acceleration;
+use lightsheaf::render::visibility::tracer::{Tracer, Tracing};
 use lightsheaf::render::visibility::view::{Answers, Texels, ViewBuffers, ViewScratch};
 use lightsheaf::scene::{Geometry, Scene, SceneStats};
 use lightsheaf::settings::{Settings, Technique};
@@ -119,7 +119,8 @@ pub struct VisibilityHarness<'a> {
     pub radius: f32,
     queries: Compute,
     rasterize: RasterizeView,
-    rays: OnceLock<(Acceleration, Compute)>,
+    /// By [`Tracing`].
+    rays: [OnceLock<(Tracer, Compute)>; 3],
 }
 
 impl<'a> VisibilityHarness<'a> {
@@ -142,7 +143,7 @@ impl<'a> VisibilityHarness<'a> {
             radius: stats.radius,
             queries: Compute::from_source(gpu, "queries", &shaders::QUERIES, &of_queries),
             rasterize: RasterizeView::new(gpu, fast, fast, &plan.surface_flags),
-            rays: OnceLock::new(),
+            rays: [const { OnceLock::new() }; 3],
             plan,
             reference,
         }
@@ -214,14 +215,41 @@ impl<'a> VisibilityHarness<'a> {
         began.elapsed().as_secs_f64() / 2.0
     }
 
-    /// Answers queries by ray queries, two words each (tests/shaders/ray_queries.wesl).
-    pub fn query_rays(&self, queries: &[RayQuestion]) -> Vec<[u32; 2]> {
-        let (acceleration, pass) = self.rays.get_or_init(|| {
-            let acceleration = Acceleration::new(self.gpu, &self.scene.positions, self.source, self.geometry());
-            let flags = &self.plan.surface_flags;
-            (acceleration, Compute::from_source(self.gpu, "ray_queries", &shaders::RAY_QUERIES, flags))
-        });
-        let bindings = self.scene.with(&acceleration.bindings());
+    /// Builds the data structure of rays anew and waits for the device.
+    pub fn tracer(&self, tracing: Tracing) -> Tracer {
+        let tracer = Tracer::new(self.gpu, tracing, &self.scene.traced(), self.source, self.geometry()).unwrap();
+        self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+        tracer
+    }
+
+    fn rays(&self, tracing: Tracing) -> &(Tracer, Compute) {
+        self.rays[tracing as usize].get_or_init(|| {
+            let flags = [self.plan.surface_flags.as_slice(), tracing.flags()].concat();
+            (self.tracer(tracing), Compute::from_source(self.gpu, "ray_queries", &shaders::RAY_QUERIES, &flags))
+        })
+    }
+
+    /// Answers queries by rays, two words each (tests/shaders/ray_queries.wesl).
+    pub fn query_rays(&self, tracing: Tracing, queries: &[RayQuestion]) -> Vec<[u32; 2]> {
+        let (tracer, pass) = self.rays(tracing);
+        let bindings = self.scene.with(&tracer.bindings());
         answer(self.gpu, pass, &bindings, ["questions", "answers"], queries)
+    }
+
+    /// Returns the seconds that one run over the queries takes, without upload and read-back.
+    pub fn seconds_of_rays(&self, tracing: Tracing, queries: &[RayQuestion]) -> f64 {
+        let (tracer, pass) = self.rays(tracing);
+        let asked = self.gpu.upload("queries", queries);
+        let answers = self.gpu.storage("answers", queries.len() as u64 * 8);
+        let mut bindings = self.scene.with(&tracer.bindings());
+        bindings.extend([("questions", asked.as_entire_binding()), ("answers", answers.as_entire_binding())]);
+        self.gpu.queue.submit([]);
+        self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+        let began = Instant::now();
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        pass.record(self.gpu, &mut encoder, rows(queries.len() as u32), &bindings);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+        began.elapsed().as_secs_f64()
     }
 }

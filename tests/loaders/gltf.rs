@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use base64::Engine as _;
 use common::shared;
 use glam::{Vec2, Vec3, Vec4};
-use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Projection, Scene, Sides};
+use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Opacity, Projection, Scene, Sides};
 use serde_json::{Value, json};
 
 /// Time limit for one file.
@@ -407,6 +407,40 @@ fn bmp() -> Vec<u8> {
     bmp
 }
 
+/// Blended materials with an alpha of 1 everywhere are opaque, and those without any alpha between 0 and 1
+/// are cut out.
+#[test]
+fn blending_that_nothing_shows_costs_nothing() {
+    let mut draft = Draft::triangle();
+    draft.attribute("TEXCOORD_0", "VEC2", &[0., 0., 1., 0., 0., 1.]);
+    let view = draft.view(&bmp());
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["samplers"] = json!([{ "magFilter": 9728 }]);
+    draft.json["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+    draft.primitive()["material"] = json!(0);
+    let of = |draft: &mut Draft, alpha: f32, textured: bool| {
+        let mut pbr = json!({ "baseColorFactor": [1, 1, 1, alpha] });
+        if textured {
+            pbr["baseColorTexture"] = json!({ "index": 0 });
+        }
+        draft.json["materials"] = json!([{ "pbrMetallicRoughness": pbr, "alphaMode": "BLEND" }]);
+        let scene = draft.load("blending.gltf");
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+        scene.materials[0].opacity
+    };
+    // The image has no alpha, which counts as 1.
+    for textured in [false, true] {
+        assert_eq!(of(&mut draft, 1.0, textured), None);
+        assert!(of(&mut draft, 0.5, textured).unwrap().is_blended());
+    }
+    assert_eq!(of(&mut draft, 0.0, false), Some(Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 }));
+    // Vertices with an alpha of their own blend what is opaque otherwise.
+    draft.attribute("COLOR_0", "VEC4", &[1.0; 12]);
+    assert_eq!(of(&mut draft, 1.0, true), None);
+    draft.attribute("COLOR_0", "VEC4", &[1.0, 1.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    assert!(of(&mut draft, 1.0, true).unwrap().is_blended());
+}
+
 #[test]
 fn materials_say_what_the_file_says() {
     let mut draft = Draft::triangle();
@@ -433,7 +467,8 @@ fn materials_say_what_the_file_says() {
     assert!(scene.cameras.is_empty() && scene.lights.is_empty() && scene.environment.is_none());
     let material = &scene.materials[0];
     assert_eq!(material.emission.unwrap().radiance.factor, Vec3::new(10.0, 5.0, 0.0));
-    assert_eq!((material.sides, material.alpha_mask.unwrap().cutoff), (Sides::Two, 0.3));
+    assert_eq!(material.sides, Sides::Two);
+    assert!(matches!(material.opacity, Some(Opacity::CutOut { cutoff: 0.3, value }) if value.texture.unwrap().1 == 3));
     let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } = material.bsdf
     else {
         panic!("{:?}", material.bsdf);
@@ -451,7 +486,7 @@ fn materials_say_what_the_file_says() {
     assert_eq!((sampler.filter, sampler.srgb), (scene::Filter::Nearest, true));
     assert_eq!(scene.meshes[0].tangents.len(), 3);
 
-    // A dielectric without reflection is Lambertian, unlit materials emit, and blending becomes a mask.
+    // A dielectric without reflection is Lambertian, unlit materials emit, and blending keeps alpha.
     draft.json["materials"] = json!([
         { "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": { "KHR_materials_specular": { "specularFactor": 0 } } },
         { "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 0.7] }, "alphaMode": "BLEND", "extensions": { "KHR_materials_unlit": {} } },
@@ -460,8 +495,8 @@ fn materials_say_what_the_file_says() {
     let scene = draft.load("special.gltf");
     assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { .. }));
     assert_eq!(scene.materials[1].emission.unwrap().radiance.factor, Vec3::X);
-    assert_eq!(scene.materials[1].alpha_mask.unwrap().cutoff, 0.5);
-    for part in ["unlit", "BLEND", "KHR_materials_clearcoat is not supported"] {
+    assert_eq!(scene.materials[1].opacity, Some(Opacity::Blended { value: 0.7.into() }));
+    for part in ["unlit", "KHR_materials_clearcoat is not supported"] {
         assert!(warned(&scene, part), "{:?} lacks {part}", scene.warnings);
     }
     assert!(!warned(&scene, "KHR_materials_unlit is not supported"));

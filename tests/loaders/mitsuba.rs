@@ -11,8 +11,8 @@ use lightsheaf::reference::environment::Sky;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{
-    self, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Projection, Rows, Scene, Sides,
-    SpotFalloff, Wrap,
+    self, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Opacity, Projection, Rows,
+    Scene, Sides, SpotFalloff, Wrap,
 };
 
 /// Creates an empty folder for a test's files.
@@ -427,7 +427,7 @@ fn glass_becomes_the_model() {
     assert!((eta - 1.5046 / 1.000_277).abs() < 1e-6 && alpha.factor == 0.0);
     assert_eq!((reflection.factor, transmission.factor), (Vec3::ONE, Vec3::ONE));
     assert_eq!(glass.boundary, Boundary::Volume { absorption: Vec3::ZERO });
-    assert_eq!(glass.alpha_mask, None);
+    assert_eq!(glass.opacity, None);
 
     let rough = r#"<bsdf type="roughdielectric"><float name="alpha" value="0.3"/><string name="int_ior" value="water"/>
         <float name="ext_ior" value="1"/><rgb name="specular_reflectance" value="0.9, 0.8, 0.7"/>
@@ -444,9 +444,9 @@ fn glass_becomes_the_model() {
     assert_eq!(thin.boundary, Boundary::Sheet);
     assert!(matches!(thin.bsdf, Bsdf::Dielectric { eta, .. } if (eta - 1.8 / 1.000_277).abs() < 1e-6));
     // Glass has holes only from a mask; `null` is all hole.
-    assert_eq!(material(r#"<bsdf type="null"/>"#).alpha_mask.map(|m| m.value.factor), Some(0.0));
+    assert_eq!(material(r#"<bsdf type="null"/>"#).opacity.map(|o| o.value().factor), Some(0.0));
     let masked = material(r#"<bsdf type="mask"><float name="opacity" value="1"/><bsdf type="dielectric"/></bsdf>"#);
-    assert_eq!(masked.alpha_mask.map(|m| m.value.factor), Some(1.0));
+    assert_eq!(masked.opacity, Some(Opacity::Blended { value: 1.0.into() }));
 
     let text = format!("<shape type=\"rectangle\">{}</shape>", rough.replace("DISTRIBUTION", "beckmann"));
     assert!(self::scene(&text).warnings[0].contains("GGX"));
@@ -547,7 +547,7 @@ fn a_checkerboard_becomes_four_texels() {
 }
 
 #[test]
-fn masks_cut_at_one_half() {
+fn masks_blend() {
     let folder = folder();
     picture(&folder);
     let scene = scene_in(
@@ -555,14 +555,18 @@ fn masks_cut_at_one_half() {
         "3.0.0",
         r#"<shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/>
              <texture name="opacity" type="bitmap"><string name="filename" value="picture.png"/></texture></bsdf></shape>
-           <shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/><float name="opacity" value="0"/></bsdf></shape>"#,
+           <shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/><float name="opacity" value="0"/></bsdf></shape>
+           <shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/><float name="opacity" value="0.3"/></bsdf></shape>
+           <shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/></bsdf></shape>"#,
     );
-    let mask = scene.materials[0].alpha_mask.unwrap();
-    assert_eq!(mask.cutoff, 0.5);
-    assert_eq!(mask.value.texture.unwrap().1, 3, "the alpha channel, which this image uses");
-    assert_eq!(scene.materials[1].alpha_mask.unwrap().value.factor, 0.0);
-    // One warning is for the channel, and one for the partly opaque texels.
-    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    let opacities: Vec<_> = scene.materials.iter().map(|material| material.opacity.unwrap()).collect();
+    let Opacity::Blended { value } = opacities[0] else { panic!("{opacities:?}") };
+    assert_eq!(value.texture.unwrap().1, 3, "the alpha channel, which this image uses");
+    assert_eq!(opacities[1], Opacity::Blended { value: 0.0.into() });
+    assert_eq!(opacities[2], Opacity::Blended { value: 0.3.into() });
+    assert_eq!(opacities[3], Opacity::Blended { value: 0.5.into() }, "Mitsuba's default");
+    // The warning is for the channel.
+    assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
 }
 
 /// Returns the world normal of a mesh's normal map at a texel, at the mesh's first vertex.
@@ -828,7 +832,7 @@ fn what_is_not_supported_is_said_once_and_replaced() {
         assert_eq!(count, 1, "{i}: `{text}` is said {count} times in {:#?}", scene.warnings);
     }
     assert_eq!(scene.warnings.len(), 12, "{:#?}", scene.warnings);
-    assert_eq!(scene.materials[0].alpha_mask.map(|m| m.value.factor), Some(0.0), "light passes");
+    assert_eq!(scene.materials[0].opacity.map(|o| o.value().factor), Some(0.0), "light passes");
     assert_eq!(scene.materials.last().unwrap().name, "heavy");
     assert_eq!((scene.cameras.len(), scene.environment.is_some()), (1, true));
 }

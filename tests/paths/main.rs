@@ -4,6 +4,7 @@
 mod common;
 mod samplers;
 mod scenes;
+mod tracers;
 mod weights;
 
 use common::gpu_with_ray_queries;

@@ -2,8 +2,8 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh,
-    NormalMap, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh, NormalMap,
+    Opacity, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -189,8 +189,8 @@ pub fn textured() -> Scene {
     add(&mut scene, floor(1.5, 0.0), Material { normal_map: bumpy, ..Material::diffuse("floor", Vec3::splat(0.7)) });
     let emission =
         Some(Emission { radiance: Color { factor: Vec3::splat(4.0), texture: Some(of(0)) }, two_sided: true });
-    let mask = AlphaMask { value: Scalar { factor: 1.0, texture: Some((of(0), 3)) }, cutoff: 0.5 };
-    let shining = Material { emission, alpha_mask: Some(mask), ..Material::diffuse("screen", Vec3::splat(0.5)) };
+    let mask = Opacity::CutOut { value: Scalar { factor: 1.0, texture: Some((of(0), 3)) }, cutoff: 0.5 };
+    let shining = Material { emission, opacity: Some(mask), ..Material::diffuse("screen", Vec3::splat(0.5)) };
     add(&mut scene, quad(Vec3::new(-0.6, 0.2, -0.6), Vec3::X * 0.8, Vec3::new(0.0, 0.7, 0.2)), shining);
     let wall = quad(Vec3::new(-1.5, 0.0, -1.5), Vec3::X * 3.0, Vec3::Y * 1.5);
     add(&mut scene, wall, Material { normal_map: bumpy, ..gltf(0.6, 0.0, 0.0, Boundary::Sheet) });

@@ -11,7 +11,7 @@ use glam::{Affine2, Mat3, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::scene::model::tangents;
 use lightsheaf::scene::{
-    AlphaMask, Bsdf, Camera, Environment, EnvironmentMap, Filter, Fresnel, Image, Light, Material, NormalMap, Rows,
+    Bsdf, Camera, Environment, EnvironmentMap, Filter, Fresnel, Image, Light, Material, NormalMap, Opacity, Rows,
     Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap,
 };
 use lightsheaf::settings::{Settings, Strategies};
@@ -372,7 +372,7 @@ fn alpha_masks_cut_holes_for_all_rays() {
     add(&mut scene, floor(10.0, 0.0), Material::diffuse("floor", Vec3::splat(PI)));
     let mut material = Material::diffuse("sheet", Vec3::splat(2.0 * PI));
     let value = Scalar { factor: 1.0, texture: Some((TextureRef::new(0), 3)) };
-    material.alpha_mask = Some(AlphaMask { value, cutoff: 0.5 });
+    material.opacity = Some(Opacity::CutOut { value, cutoff: 0.5 });
     add(&mut scene, floor(1.0, 1.0), material);
     scene.images = vec![Image { name: String::new(), width: 2, height: 1, texels: vec![[255; 4], [255, 255, 255, 0]] }];
     scene.textures = vec![Texture { image: 0, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, srgb: false }];

@@ -10,7 +10,7 @@ use lightsheaf::metrics::compare;
 use lightsheaf::render::renderer::Renderer as _;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::scene::{Environment, Light, Material, Mesh, Scene, builtin};
-use lightsheaf::settings::{LightSampling, RestirBias, Settings, Technique};
+use lightsheaf::settings::{LightSampling, RestirBias, Settings, Technique, VisibilityFrom};
 
 fn settings(width: u32, height: u32, samples: u32) -> Settings {
     Settings { width, height, samples, ..Settings::plain() }
@@ -130,7 +130,15 @@ fn reuse_looks_back_at_the_same_iteration_wherever_lists_overflow() {
     let scene = builtin::load("emitter_hall:100").unwrap();
     let of = |list_room, restir_bias| {
         let light_sampling = Some(LightSampling::Restir);
-        let settings = Settings { list_room, light_sampling, restir_bias, light_pool: Some(4), ..settings(32, 32, 20) };
+        let visibility_from = VisibilityFrom::Lists;
+        let settings = Settings {
+            list_room,
+            light_sampling,
+            restir_bias,
+            light_pool: Some(4),
+            visibility_from,
+            ..settings(32, 32, 20)
+        };
         // Later lists of this seed are longer as well.
         raster(gpu, &scene, &Settings { seed: 2, ..settings })
     };

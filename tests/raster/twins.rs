@@ -436,8 +436,8 @@ fn holes() {
             let texture = (i % 3 > 0).then(|| (reference_to(random.below(36), &mut random), random.below(4) as u32));
             let value = Scalar { factor: random.between(0.5, 1.0), texture };
             let cutoff = random.between(0.1, 0.6);
-            let alpha_mask = (i % 5 > 0).then_some(AlphaMask { value, cutoff });
-            Material { alpha_mask, ..Material::diffuse("", Vec3::ONE) }
+            let opacity = (i % 5 > 0).then_some(Opacity::CutOut { value, cutoff });
+            Material { opacity, ..Material::diffuse("", Vec3::ONE) }
         })
         .collect();
     let mut scene = scene_of(materials, true, &mut random);

@@ -11,7 +11,7 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use glam::{Mat3, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::{
-    AlphaMask, Bsdf, Environment, EnvironmentMap, Filter, Fresnel, Image, Light, Material, Rows, Scalar, Scene, Sides,
+    Bsdf, Environment, EnvironmentMap, Filter, Fresnel, Image, Light, Material, Opacity, Rows, Scalar, Scene, Sides,
     SpotFalloff, Texture, TextureRef, Wrap,
 };
 use scenes::*;
@@ -345,7 +345,7 @@ fn alpha_masks_cut_holes_for_all_rays() {
     add(&mut scene, floor(10.0, 0.0), Material::diffuse("floor", Vec3::splat(PI)));
     let mut material = Material::diffuse("sheet", Vec3::splat(2.0 * PI));
     let value = Scalar { factor: 1.0, texture: Some((TextureRef::new(0), 3)) };
-    material.alpha_mask = Some(AlphaMask { value, cutoff: 0.5 });
+    material.opacity = Some(Opacity::CutOut { value, cutoff: 0.5 });
     add(&mut scene, floor(1.0, 1.0), material);
     scene.images = vec![Image { name: String::new(), width: 2, height: 1, texels: vec![[255; 4], [255, 255, 255, 0]] }];
     scene.textures = vec![Texture { image: 0, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, srgb: false }];

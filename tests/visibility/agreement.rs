@@ -79,7 +79,7 @@ impl VisibilityHarness<'_> {
     }
 
     fn masked(&self, triangle: u32) -> bool {
-        self.source.materials[self.geometry().materials[triangle as usize] as usize].alpha_mask.is_some()
+        self.source.materials[self.geometry().materials[triangle as usize] as usize].opacity.is_some()
     }
 
     fn coplanar(&self, triangle: u32, other: u32) -> bool {

@@ -11,11 +11,12 @@ mod agreement;
 mod common;
 mod lists;
 mod rays;
+mod speed;
 mod tables;
 
 use common::random::Random;
 use glam::{Vec2, Vec3};
-use lightsheaf::scene::{AlphaMask, Filter, Image, Instance, Material, Mesh, Scalar, Scene, Texture, TextureRef, Wrap};
+use lightsheaf::scene::{Filter, Image, Instance, Material, Mesh, Opacity, Scalar, Scene, Texture, TextureRef, Wrap};
 use lightsheaf::staging::{self, Staging};
 
 fn cornell() -> Scene {
@@ -83,7 +84,7 @@ fn masked_room() -> Scene {
     let texture = TextureRef { texture: 0, uv_set: 0, transform: glam::Affine2::IDENTITY };
     let value = Scalar { factor: 1.0, texture: Some((texture, 3)) };
     let wall = scene.materials[0].clone();
-    scene.materials.push(Material { alpha_mask: Some(AlphaMask { value, cutoff: 0.5 }), ..wall });
+    scene.materials.push(Material { opacity: Some(Opacity::CutOut { value, cutoff: 0.5 }), ..wall });
     let mesh = &mut scene.meshes[0];
     mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(p.x, p.y + p.z) * 3.0).collect();
     // Two walls have holes: the first and the fourth, so that geometries alternate.

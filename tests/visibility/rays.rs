@@ -1,8 +1,9 @@
-//! Ray queries: nearest hits, edges and infinity are the CPU's.
+//! Rays by every algorithm: nearest hits, edges and infinity are the CPU's.
 
 use glam::Vec3;
-use lightsheaf::gpu::Flag;
+use lightsheaf::gpu::{Flag, Gpu};
 use lightsheaf::render::sampler::uniform_sphere;
+use lightsheaf::render::visibility::tracer::Tracing;
 use lightsheaf::scene::{self, Instance, Material, Mesh, Scene};
 
 use crate::agreement::{Class, HEAD, TOLERATED, Tally, compare_nearest};
@@ -12,12 +13,12 @@ use crate::common::shaders::RayQuestion;
 use crate::{common, cornell, displaced_room, masked_room};
 
 /// Kinds of queries in tests/shaders/ray_queries.wesl.
-const ASK_NEAREST: u32 = 0;
-const ASK_EDGE: u32 = 1;
+pub const ASK_NEAREST: u32 = 0;
+pub const ASK_EDGE: u32 = 1;
 const ASK_INFINITY: u32 = 2;
 const ASK_CAMERA: u32 = 3;
 
-fn ray_question(kind: u32, p: Point, towards: Vec3, end: u32) -> RayQuestion {
+pub fn ray_question(kind: u32, p: Point, towards: Vec3, end: u32) -> RayQuestion {
     RayQuestion {
         position: p.position.to_array(),
         own: p.triangle,
@@ -28,8 +29,13 @@ fn ray_question(kind: u32, p: Point, towards: Vec3, end: u32) -> RayQuestion {
     }
 }
 
-/// Compares nearest hits, edges, and visibility of infinity by ray queries.
-fn ray_tallies(harness: &VisibilityHarness, count: usize, seed: u64) -> [(&'static str, Tally); 3] {
+/// Returns a device that traces rays in this way.
+fn device(tracing: Tracing) -> Option<&'static Gpu> {
+    if tracing == Tracing::RayQuery { common::gpu_with_ray_queries() } else { common::gpu() }
+}
+
+/// Compares nearest hits, edges, and visibility of infinity.
+fn ray_tallies(harness: &VisibilityHarness, tracing: Tracing, count: usize, seed: u64) -> [(&'static str, Tally); 3] {
     let points = Points::new(harness.geometry());
     let mut random = Random(seed);
     let (mut nearest, mut edges, mut infinity) = (Tally::default(), Tally::default(), Tally::default());
@@ -37,7 +43,7 @@ fn ray_tallies(harness: &VisibilityHarness, count: usize, seed: u64) -> [(&'stat
         (0..count).map(|_| (points.draw(&mut random), uniform_sphere(random.pair()))).collect();
     let ask = |kind| {
         let queries: Vec<_> = rays.iter().map(|&(p, w)| ray_question(kind, p, w, NONE)).collect();
-        harness.query_rays(&queries)
+        harness.query_rays(tracing, &queries)
     };
     let expected: Vec<_> = rays.iter().map(|&(p, w)| (p.position, w, p.triangle)).collect();
     compare_nearest(harness, &mut nearest, &expected, &ask(ASK_NEAREST), true);
@@ -64,7 +70,7 @@ fn ray_tallies(harness: &VisibilityHarness, count: usize, seed: u64) -> [(&'stat
         .collect();
     let queries: Vec<_> = ends.iter().map(|(p, q)| ray_question(ASK_EDGE, *p, q.position, q.triangle)).collect();
     edges.asked = count;
-    for (answer, (p, q)) in harness.query_rays(&queries).iter().zip(&ends) {
+    for (answer, (p, q)) in harness.query_rays(tracing, &queries).iter().zip(&ends) {
         let hidden = harness.reference.occluded(p.position, q.position, Some(p.triangle), Some(q.triangle));
         if (answer[0] == 0) != hidden {
             let class = harness.classify_edge(p.position, q.position, [p.triangle, q.triangle]);
@@ -73,12 +79,11 @@ fn ray_tallies(harness: &VisibilityHarness, count: usize, seed: u64) -> [(&'stat
             });
         }
     }
-    [("nearest by ray query", nearest), ("edges by ray query", edges), ("infinity by ray query", infinity)]
+    [("nearest", nearest), ("edges", edges), ("infinity", infinity)]
 }
 
-#[test]
-fn ray_queries_answer_as_the_cpu() {
-    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+fn answers_are_the_cpus(tracing: Tracing) {
+    let Some(gpu) = device(tracing) else { return };
     println!("{HEAD}");
     let scenes =
         [("Cornell box", cornell()), ("displaced room", displaced_room(60_000)), ("masked room", masked_room())];
@@ -88,8 +93,9 @@ fn ray_queries_answer_as_the_cpu() {
             scene.materials.len() > 1 && name == "masked room",
             harness.plan.surface_flags.contains(&Flag::Masks)
         );
-        for (what, tally) in ray_tallies(&harness, 100_000, 1) {
-            println!("{}", tally.row(name, what));
+        for (what, tally) in ray_tallies(&harness, tracing, 100_000, 1) {
+            let what = format!("{what} by {tracing:?}");
+            println!("{}", tally.row(name, &what));
             println!("{}", tally.examples.join("\n"));
             assert_eq!(tally.asked, 100_000);
             assert!(tally.share() <= TOLERATED, "{name}, {what}: {tally:?}");
@@ -98,10 +104,124 @@ fn ray_queries_answer_as_the_cpu() {
     }
 }
 
-/// Missing holes and a wrong direction are found.
 #[test]
-fn wrong_ray_queries_are_found() {
-    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+fn ray_queries_answer_as_the_cpu() {
+    answers_are_the_cpus(Tracing::RayQuery);
+}
+
+#[test]
+fn hierarchies_answer_as_the_cpu() {
+    answers_are_the_cpus(Tracing::Bvh);
+}
+
+#[test]
+fn grids_answer_as_the_cpu() {
+    answers_are_the_cpus(Tracing::Grid);
+}
+
+/// Returns triangles in a room, each by its corners.
+fn soup(triangles: Vec<[Vec3; 3]>) -> Scene {
+    let positions = triangles.concat();
+    let triangles = (0..triangles.len() as u32).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
+    Scene {
+        materials: vec![Material::diffuse("wall", Vec3::ONE)],
+        meshes: vec![Mesh { positions, triangles, ..Mesh::default() }],
+        instances: vec![Instance { mesh: 0, world_from_local: glam::Affine3A::IDENTITY }],
+        ..Scene::default()
+    }
+}
+
+/// Returns thin and long triangles in all directions, and some that are points and lines.
+fn needles() -> Scene {
+    let mut random = Random(7);
+    let mut needle = || {
+        let at = Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+        let along = uniform_sphere(random.pair()) * (0.1 + 0.9 * random.unit());
+        [at, at + along, at + along * 0.5 + uniform_sphere(random.pair()) * 1e-3]
+    };
+    let flat = [[Vec3::ZERO; 3], [Vec3::ZERO, Vec3::X, Vec3::X * 0.5]];
+    soup((0..20_000).map(|_| needle()).chain(flat).collect())
+}
+
+/// Returns a ball of 20,000 triangles, 1 cm wide, in a hall of 100 m.
+fn small_in_large() -> Scene {
+    let mut scene = displaced_room(20_000);
+    scene.meshes[0].positions.iter_mut().for_each(|p| *p = *p * 5e-3 + Vec3::new(31.0, -7.0, 12.0));
+    let side = |axis: usize, end: f32| {
+        let corner = |u: f32, v: f32| {
+            let mut p = Vec3::ZERO;
+            (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (50.0 * end, 50.0 * u, 50.0 * v);
+            p
+        };
+        [
+            [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)],
+            [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+        ]
+    };
+    let hall = soup((0..3).flat_map(|axis| [side(axis, -1.0), side(axis, 1.0)]).flatten().collect());
+    scene.meshes.extend(hall.meshes);
+    scene.instances.push(Instance { mesh: 1, world_from_local: glam::Affine3A::IDENTITY });
+    scene
+}
+
+/// Returns a scene in another size.
+fn scaled(mut scene: Scene, scale: f32) -> Scene {
+    scene
+        .instances
+        .iter_mut()
+        .for_each(|i| i.world_from_local = glam::Affine3A::from_scale(Vec3::splat(scale)) * i.world_from_local);
+    scene
+}
+
+/// Rays along axes, along borders of cells, in planes of walls and from far outside, in scenes of all sizes and
+/// of triangles of very different sizes.
+#[test]
+fn grids_are_robust() {
+    let Some(gpu) = device(Tracing::Grid) else { return };
+    println!("{HEAD}");
+    let scenes = [
+        ("needles", needles()),
+        ("small in large", small_in_large()),
+        ("a micron", scaled(cornell(), 1e-6)),
+        ("a thousand kilometres", scaled(cornell(), 1e6)),
+    ];
+    for (name, scene) in &scenes {
+        let harness = VisibilityHarness::new(gpu, scene, false);
+        for (what, tally) in ray_tallies(&harness, Tracing::Grid, 50_000, 2) {
+            println!("{}\n{}", tally.row(name, what), tally.examples.join("\n"));
+            assert!(tally.share() <= TOLERATED, "{name}, {what}: {tally:?}");
+            assert!(!tally.classes.contains_key(&Class::Unexplained), "{name}, {what}: {tally:?}");
+        }
+        let [low, high] = harness.scene.bounds;
+        let (size, mut random) = (high - low, Random(9));
+        // Multiples of a 64th of the box, of which many lie on borders of cells and in planes of walls.
+        let mut border = || low + size * Vec3::from([0; 3].map(|_| random.below(65) as f32 / 64.0));
+        let axes = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
+        let diagonal = Vec3::new(1.0, 1.0, 0.0).normalize();
+        let rays: Vec<(Vec3, Vec3, u32)> = (0..30_000)
+            .map(|n| match n % 8 {
+                axis @ 0..6 => (border(), axes[axis], NONE),
+                6 => (border(), diagonal, NONE),
+                _ => {
+                    let from = low + (border() - low) * 0.5 + Vec3::new(-80.0, 24.0, 36.0) * size.max_element();
+                    (from, (border() - from).normalize(), NONE)
+                }
+            })
+            .collect();
+        let asked: Vec<_> = rays
+            .iter()
+            .map(|&(p, w, own)| ray_question(ASK_NEAREST, Point { position: p, triangle: own }, w, NONE))
+            .collect();
+        let mut tally = Tally::default();
+        compare_nearest(&harness, &mut tally, &rays, &harness.query_rays(Tracing::Grid, &asked), true);
+        println!("{}\n{}", tally.row(name, "odd rays"), tally.examples.join("\n"));
+        assert!(!tally.classes.contains_key(&Class::Unexplained), "{name}, odd rays: {tally:?}");
+    }
+}
+
+/// Missing holes and a wrong direction are found.
+fn wrong_rays_are_found_by(tracing: Tracing) {
+    let Some(gpu) = device(tracing) else { return };
     let masked = masked_room();
     let filled = Scene { materials: vec![masked.materials[0].clone(); 2], ..masked.clone() };
     let harnesses = [&masked, &filled].map(|scene| VisibilityHarness::new(gpu, scene, false));
@@ -116,16 +236,30 @@ fn wrong_ray_queries_are_found() {
         compare_nearest(&harnesses[0], &mut tally, &rays, answers, true);
         tally.share()
     };
-    let right = harnesses[0].query_rays(&queries);
+    let right = harnesses[0].query_rays(tracing, &queries);
     assert!(share(&right, 0.0) <= TOLERATED);
     assert!(share(&right, 0.01) > 2.0 * TOLERATED, "turned rays");
-    assert!(share(&harnesses[1].query_rays(&queries), 0.0) > 0.05, "no holes");
+    assert!(share(&harnesses[1].query_rays(tracing, &queries), 0.0) > 0.05, "no holes");
+}
+
+#[test]
+fn wrong_ray_queries_are_found() {
+    wrong_rays_are_found_by(Tracing::RayQuery);
+}
+
+#[test]
+fn wrong_hierarchies_are_found() {
+    wrong_rays_are_found_by(Tracing::Bvh);
+}
+
+#[test]
+fn wrong_grids_are_found() {
+    wrong_rays_are_found_by(Tracing::Grid);
 }
 
 /// Two sheets lie in one plane, and the nearer one is culled: the camera sees the other one.
-#[test]
-fn the_camera_sees_through_culled_backs() {
-    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+fn the_camera_sees_through_culled_backs_by(tracing: Tracing) {
+    let Some(gpu) = device(tracing) else { return };
     let corners = [Vec3::NEG_ONE, Vec3::new(3.0, -1.0, -1.0), Vec3::new(-1.0, 3.0, -1.0)];
     let sheet = |material, triangle| Mesh {
         positions: corners.to_vec(),
@@ -143,12 +277,26 @@ fn the_camera_sees_through_culled_backs() {
     let harness = VisibilityHarness::new(gpu, &scene, false);
     let from = |z| Point { position: Vec3::new(-0.5, -0.4, z), triangle: NONE };
     let ask = |kind, z: f32| ray_question(kind, from(z), Vec3::Z * -z.signum(), NONE);
-    let answers = harness.query_rays(&[
-        ask(ASK_CAMERA, 1.0),
-        ask(ASK_CAMERA, -3.0),
-        ray_question(ASK_CAMERA, from(-3.0), Vec3::Z, NONE),
-    ]);
+    let answers = harness.query_rays(
+        tracing,
+        &[ask(ASK_CAMERA, 1.0), ask(ASK_CAMERA, -3.0), ray_question(ASK_CAMERA, from(-3.0), Vec3::Z, NONE)],
+    );
     assert_eq!(answers[0][0], 1, "the culled back lets the ray pass");
     assert_eq!(f32::from_bits(answers[0][1]), 2.0);
     assert!(answers[1][0] <= 1 && answers[2] == answers[1], "the culled front does not: {answers:?}");
+}
+
+#[test]
+fn the_camera_sees_through_culled_backs() {
+    the_camera_sees_through_culled_backs_by(Tracing::RayQuery);
+}
+
+#[test]
+fn the_camera_sees_through_culled_backs_by_a_grid() {
+    the_camera_sees_through_culled_backs_by(Tracing::Grid);
+}
+
+#[test]
+fn the_camera_sees_through_culled_backs_by_a_hierarchy() {
+    the_camera_sees_through_culled_backs_by(Tracing::Bvh);
 }

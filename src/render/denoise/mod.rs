@@ -13,12 +13,12 @@ use std::array;
 use glam::{Mat4, Vec3};
 
 use crate::film::Film;
-use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back};
+use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back};
 use crate::render::convergence::BiasFilms;
 use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::{Grid, Region};
 use crate::render::layouts;
-use crate::render::recording::{Binding, Recording};
+use crate::render::recording::Recording;
 use crate::render::upload::gpu_scene::GpuScene;
 
 /// GGX width to which the roughness clamp widens narrow lobes of metals at normal incidence, for which a lobe

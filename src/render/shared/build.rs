@@ -19,8 +19,10 @@ use crate::render::shared::passes::paths::extend::Extend;
 use crate::render::shared::passes::views::list_lengths::ListLengths;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::strategies::{Connection, Extension};
+use crate::render::shared::plan::views::ViewRole;
 use crate::render::shared::views::Views;
 use crate::render::upload::gpu_scene::GpuScene;
+use crate::render::visibility::tracer::Tracing;
 use crate::settings::{RestirBias, Settings};
 
 /// A connection with its constants for each light point. Direct light from candidates has no pass of its own.
@@ -41,8 +43,8 @@ pub struct Passes {
     pub rsm: Option<Rsm>,
     /// y1 and y2.
     pub light_subpath: Option<LightSubpath>,
-    /// Triangles that pixels see.
-    pub gbuffer: GBuffer,
+    /// Triangles that pixels see, unless rays find them.
+    pub gbuffer: Option<GBuffer>,
     /// z1.
     pub eye_vertices: EyeVertices,
     /// Connections in the plan's order.
@@ -63,12 +65,6 @@ pub struct Passes {
 struct FlagSets {
     /// Surfaces, layers and the distribution of bundles.
     base: Vec<Flag>,
-    /// The data structure that answers visibility.
-    visibility: &'static [Flag],
-    /// Views of lights at infinity.
-    infinite: &'static [Flag],
-    /// Bundles with projected triangles.
-    projected: &'static [Flag],
     /// The reflective shadow map.
     rsm: &'static [Flag],
     /// Emission from y0: punctual lights and their patterns.
@@ -81,13 +77,6 @@ impl FlagSets {
         let emission = plan.light_flags.iter().filter(|flag| matches!(flag, Flag::Punctual | Flag::Patterns));
         Self {
             base: [plan.surface_flags.as_slice(), bundles, plan.layer_flags()].concat(),
-            visibility: match (plan.rays, plan.fast) {
-                (true, _) => &[Flag::RayQuery],
-                (false, true) => &[Flag::Fast],
-                (false, false) => &[],
-            },
-            infinite: if plan.light_extents.infinite && !plan.rays { &[Flag::Infinite] } else { &[] },
-            projected: if plan.rays { &[] } else { &[Flag::Projected] },
             rsm: if plan.rsm { &[Flag::Rsm] } else { &[] },
             emission: emission.copied().collect(),
         }
@@ -97,6 +86,25 @@ impl FlagSets {
     fn with(&self, more: &[&[Flag]]) -> Vec<Flag> {
         [self.base.clone(), more.concat()].concat()
     }
+}
+
+/// Returns the flags of shaders that trace rays.
+fn ray_flags(tracing: Tracing) -> Vec<Flag> {
+    [&[Flag::Rays], tracing.flags()].concat()
+}
+
+/// Returns the flags of shaders that put queries to a view.
+fn view_flags(plan: &FramePlan, role: ViewRole) -> Vec<Flag> {
+    if let Some(tracing) = plan.tracing.filter(|_| plan.ray_views.answer(role)) {
+        return ray_flags(tracing);
+    }
+    let of_light = matches!(role, ViewRole::LightVertex(0) | ViewRole::Light(_) | ViewRole::Candidate(_));
+    let flags = [
+        (Flag::Fast, plan.fast),
+        (Flag::Infinite, of_light && plan.light_extents.infinite),
+        (Flag::Projected, !role.is_map()),
+    ];
+    flags.into_iter().filter(|(_, on)| *on).map(|(flag, _)| flag).collect()
 }
 
 impl Frame {
@@ -113,8 +121,8 @@ impl Frame {
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
         Self {
             passes: Passes::new(gpu, scene, plan, settings, directions.is_some()),
-            pixels: PixelBuffers::new(gpu, &plan.grid, plan.glossy(), bundle_pdfs, plan.adaptive),
-            denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.clamp_samples)),
+            pixels: PixelBuffers::new(gpu, plan, bundle_pdfs),
+            denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.samples_per_lobe())),
             directions,
             light_points: Vec::new(),
             rsm_of: None,
@@ -133,7 +141,7 @@ impl Frame {
         let Passes { gbuffer, light_candidates, light_reservoirs, .. } = &self.passes;
         self.pixels.bytes()
             + self.denoiser.as_ref().map_or(0, Denoiser::bytes)
-            + gbuffer.bytes()
+            + gbuffer.as_ref().map_or(0, GBuffer::bytes)
             + self.views.bytes()
             + light_candidates.as_ref().map_or(0, LightCandidates::bytes)
             + light_reservoirs.as_ref().map_or(0, LightReservoirs::bytes)
@@ -143,8 +151,11 @@ impl Frame {
 impl Passes {
     fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings, sky_bundles: bool) -> Self {
         let flags = FlagSets::new(plan, sky_bundles);
-        let FlagSets { visibility, projected, rsm, emission, .. } = &flags;
+        let FlagSets { rsm, emission, .. } = &flags;
+        let [of_light, of_vpl, of_bundle] = [ViewRole::LightVertex(0), ViewRole::LightVertex(1), ViewRole::Bundle(0)]
+            .map(|role| view_flags(plan, role));
         let [width, height] = plan.grid.size;
+        let of_camera = plan.tracing.filter(|_| plan.traces_camera).map_or_else(Vec::new, ray_flags);
         let with = |more: &[&[Flag]]| flags.with(more);
         let clamp_distance = settings.paper_clamp * 2.0 * scene.sphere().1;
         let emitters: &[Flag] = if plan.camera_hits_emitters { &plan.light_flags } else { &[] };
@@ -154,16 +165,16 @@ impl Passes {
                 let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1);
                 LightPoint::new(gpu, &with(&[&plan.light_flags]), count, plan.light_resolution, one_by_one)
             }),
-            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[visibility, emission]))),
+            rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[&of_light, emission]))),
             light_subpath: (plan.light_vertices > 1)
-                .then(|| LightSubpath::new(gpu, &with(&[visibility, rsm, emission]))),
-            gbuffer: GBuffer::new(gpu, &plan.surface_flags, width, height),
-            eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags()])),
+                .then(|| LightSubpath::new(gpu, &with(&[&of_light, rsm, emission]), &with(&[&of_vpl, rsm, emission]))),
+            gbuffer: (!plan.traces_camera).then(|| GBuffer::new(gpu, &plan.surface_flags, width, height)),
+            eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags(), &of_camera])),
             connections: plan.connections.iter().map(|c| connection(gpu, plan, &flags, c, clamp_distance)).collect(),
             light_candidates,
             light_reservoirs,
             extensions: plan.extensions.iter().map(|e| extension(gpu, plan, &flags, e, clamp_distance)).collect(),
-            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[visibility, projected]))),
+            list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[&of_bundle]))),
             accumulate: Accumulate::new(gpu, &[plan.layer_flags(), plan.adaptive_flags()].concat()),
         }
     }
@@ -185,8 +196,9 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         clear: u32::from(plan.is_clear(c)),
         clamp_distance,
     };
-    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.emission, flags.infinite] } else { &[] };
-    let shader = flags.with(&[&[flags.visibility], from_y0].concat());
+    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.emission] } else { &[] };
+    let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
+    let shader = flags.with(&[&[of_view.as_slice()], from_y0].concat());
     let from_candidates = plan.has_candidates() && c.is_direct();
     ConnectionPass {
         connection: *c,
@@ -206,7 +218,7 @@ fn extension(
     let sample_counts = e.samples.map(|n| n as f32);
     let constants = layouts::Strategy { sample_counts, s: 0, j: e.j, clear: 0, clamp_distance };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
-    let shader = flags.with(&[emitters, flags.visibility, flags.projected]);
+    let shader = flags.with(&[emitters, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
     (strategy(gpu, &constants), Extend::new(gpu, &shader, e.last))
 }
 
@@ -216,18 +228,19 @@ fn candidate_passes(
     plan: &FramePlan,
     flags: &FlagSets,
 ) -> (Option<LightCandidates>, Option<LightReservoirs>) {
-    let FlagSets { visibility, infinite, emission, .. } = flags;
+    let FlagSets { emission, .. } = flags;
+    let of_light = view_flags(plan, ViewRole::LightVertex(0));
     let reuse: &[Flag] = if plan.reuses() { &[Flag::Reuse] } else { &[] };
     let candidates = plan.has_candidates().then(|| {
         let select = flags.with(&[emission, reuse]);
-        let test = flags.with(&[visibility, infinite, reuse]);
+        let test = flags.with(&[&of_light, reuse]);
         let demodulated = plan.is_layered() && plan.glossy();
         let bytes = plan.grid.largest() * layouts::SelectedLight::bytes(demodulated, plan.reuses());
         LightCandidates::new(gpu, &select, &test, plan.candidate_views().len() as u32, bytes)
     });
     let reservoirs = plan.reuse.filter(|_| plan.reuses()).map(|bias| {
         let pixels = plan.grid.size.iter().map(|&side| u64::from(side)).product();
-        let (select, test) = (flags.with(&[emission]), flags.with(&[visibility, infinite]));
+        let (select, test) = (flags.with(&[emission]), flags.with(&[&of_light]));
         LightReservoirs::new(gpu, &select, &test, plan.light_candidates, pixels, bias == RestirBias::Biased)
     });
     (candidates, reservoirs)

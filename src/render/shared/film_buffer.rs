@@ -6,8 +6,9 @@
 use crate::film;
 use crate::gpu::Gpu;
 use crate::render::adaptive_sampling::ConvergedTiles;
-use crate::render::interleave::{Grid, Region};
+use crate::render::interleave::Region;
 use crate::render::layouts;
+use crate::render::shared::plan::FramePlan;
 
 /// Buffers per pixel that all regions share, and the buffers of each region.
 pub struct PixelBuffers {
@@ -43,9 +44,10 @@ pub struct Band<'a> {
 }
 
 impl PixelBuffers {
-    /// Allocates the buffers for a division of the image. With `adaptive`, tiles may converge.
+    /// Allocates the buffers of a plan.
     #[must_use]
-    pub fn new(gpu: &Gpu, grid: &Grid, glossy: bool, bundle_pdfs: &[f32], adaptive: bool) -> Self {
+    pub fn new(gpu: &Gpu, plan: &FramePlan, bundle_pdfs: &[f32]) -> Self {
+        let (grid, glossy, transmits) = (&plan.grid, plan.glossy(), plan.transmits());
         let own = |region: Region| RegionBuffers {
             region,
             frame: gpu.uniform::<layouts::FrameUniform>("frame"),
@@ -54,11 +56,12 @@ impl PixelBuffers {
         let pixels = grid.largest();
         Self {
             classes: grid.classes().into_iter().map(|regions| regions.into_iter().map(own).collect()).collect(),
-            eye_vertices: gpu.storage("eye_vertices", pixels * layouts::EyeVertex::bytes(grid.layered && glossy)),
-            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy)),
+            eye_vertices: gpu
+                .storage("eye_vertices", pixels * layouts::EyeVertex::bytes(grid.layered && glossy, transmits)),
+            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy, transmits)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
-            converged: adaptive.then(|| ConvergedTiles::new(gpu, grid.size[0], grid.size[1])),
+            converged: plan.adaptive.then(|| ConvergedTiles::new(gpu, grid.size[0], grid.size[1])),
         }
     }
 

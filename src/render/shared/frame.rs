@@ -82,7 +82,7 @@ impl Frame {
         let batch_index = iteration.batch_index.unwrap_or(0);
         let mut uniform = frame_uniform(scene, camera, settings, &of_camera, number, batch_index);
         if let Some(denoiser) = &self.denoiser {
-            uniform.samples = denoiser.samples() / settings.clamp_samples;
+            uniform.samples = denoiser.samples() / settings.samples_per_lobe();
         }
         for class in 0..self.plan.grid.subpaths() {
             self.trace_class(iteration, class, &uniform);
@@ -104,6 +104,7 @@ impl Frame {
         };
         let class = class as usize;
         self.pixels.write_uniform(iteration.gpu, class, &uniform);
+        self.views.write_noise(iteration.gpu, uniform.noise);
         let mut recording = Recording::new(iteration.gpu, iteration.scene, "iteration");
 
         // y0 and the other light points, y1 and y2, each with the map of everything that it sees (section
@@ -141,8 +142,9 @@ impl Frame {
 
     /// Finds the triangle that each pixel sees, unless the G-buffer already holds it.
     pub(super) fn rasterize_gbuffer(&mut self, recording: &mut Recording, camera: [[f32; 4]; 4]) {
+        let Some(gbuffer) = &self.passes.gbuffer else { return };
         if self.gbuffer_camera.replace(camera) != Some(camera) {
-            self.passes.gbuffer.record(recording, self.pixels.first(0).frame);
+            gbuffer.record(recording, self.pixels.first(0).frame);
         }
     }
 
@@ -167,7 +169,8 @@ impl Frame {
     /// Computes z1, and adds the emission that the camera sees: (0, 2).
     pub(super) fn begin_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
         let guides = self.denoiser.as_ref().map(|denoiser| denoiser.guides(band.region));
-        self.passes.eye_vertices.record(recording, band, &self.passes.gbuffer.triangles, guides);
+        let triangles = self.passes.gbuffer.as_ref().map(|gbuffer| &gbuffer.triangles);
+        self.passes.eye_vertices.record(recording, band, triangles, guides);
     }
 
     /// Adds the light that needs no filter to every pixel of an image that is finer than its layers.

@@ -38,7 +38,8 @@ impl Frame {
     }
 
     /// Samples y0 and the other light points, and rasterizes the maps around them. The map and the reflective
-    /// shadow map of a light without extent are kept while the light stays the same.
+    /// shadow map of a light without extent are kept while the light stays the same, see
+    /// [`FramePlan::keeps_maps`].
     pub(super) fn sample_light_points(&mut self, recording: &mut Recording, lights: &LightTable, sampler: &Sampler) {
         self.light_points = light_points(lights, sampler, &self.plan);
         let (Some(pass), Some(y0)) = (&self.passes.light_point, self.light_points.first()) else { return };
@@ -53,7 +54,8 @@ impl Frame {
             if *self.views.map_of(role) != Some(light) {
                 pass.write_view(&mut recording.encoder, n, self.views.get(role));
                 self.views.rasterize(recording, role);
-                *self.views.map_of(role) = lights.records[light as usize].is_fixed().then_some(light);
+                let is_kept = lights.records[light as usize].is_fixed() && self.plan.keeps_maps;
+                *self.views.map_of(role) = is_kept.then_some(light);
             }
         }
         let y0_is_fixed = lights.records[y0.light as usize].is_fixed();

@@ -126,8 +126,8 @@ impl<'gpu> SharedRenderer<'gpu> {
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights, &flags)?;
         let mut deformer = Deformer::default();
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
-        if plan.rays {
-            gpu_scene.accelerate(gpu, scene, &geometry)?;
+        if let Some(tracing) = plan.tracing {
+            gpu_scene.trace_with(gpu, tracing, scene, &geometry)?;
         }
         deformer.keep(geometry, sources);
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
@@ -282,8 +282,8 @@ impl Renderer for SharedRenderer<'_> {
         }
         self.scene.pose(self.gpu, &geometry, !same, &lights);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
-        if self.plan.rays {
-            self.scene.accelerate(self.gpu, scene, &geometry)?;
+        if let Some(tracing) = self.plan.tracing {
+            self.scene.trace_with(self.gpu, tracing, scene, &geometry)?;
         }
         self.deformer.keep(geometry, sources);
         self.frame.invalidate_views();
@@ -372,6 +372,7 @@ impl Renderer for SharedRenderer<'_> {
         RenderStats {
             samples: self.samples,
             bytes: self.frame.bytes(),
+            tracer_bytes: self.scene.tracer_bytes(),
             passes: self.gpu.timings.totals(),
             ..self.stats.clone()
         }

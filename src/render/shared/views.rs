@@ -10,7 +10,7 @@ use crate::render::recording::Recording;
 use crate::render::shared::passes::views::rasterize_view::RasterizeView;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::views::ViewRole;
-use crate::render::visibility::view::{ViewBuffers, ViewScratch};
+use crate::render::visibility::view::{Answers, ViewBuffers, ViewScratch};
 
 /// A view, and the light that its map was made for.
 pub struct View {
@@ -26,7 +26,7 @@ pub struct View {
 pub struct Views {
     /// In the order of [`FramePlan::views`].
     pub all: Vec<View>,
-    /// None if ray queries answer visibility, or if there are no views.
+    /// None if rays answer all views, or if there are no views.
     pub rasterize: Option<RasterizeView>,
     /// Items and lists that are needed only while a view is filled.
     pub scratch: Option<ViewScratch>,
@@ -53,7 +53,7 @@ impl Views {
             View { role, buffers, map_of: None }
         };
         let all: Vec<_> = plan.views().into_iter().map(|planned| view(planned.role, planned.texels)).collect();
-        let rasterized = !plan.rays && !all.is_empty();
+        let rasterized = plan.rasterizes_views();
         let own_slots = all.iter().filter(|view| !matches!(view.role, ViewRole::Candidate(_))).count();
         let slots =
             if plan.has_candidates() { own_slots + plan.light_candidates as usize - 1 } else { own_slots }.max(1);
@@ -100,6 +100,13 @@ impl Views {
         })
     }
 
+    /// Writes the random bits that an iteration's depth maps decide with at blended surfaces.
+    pub fn write_noise(&self, gpu: &Gpu, noise: u32) {
+        if let Some(pass) = &self.rasterize {
+            pass.write_noise(gpu, noise);
+        }
+    }
+
     /// Invalidates all maps.
     pub fn invalidate_maps(&mut self) {
         self.all.iter_mut().for_each(|view| view.map_of = None);
@@ -118,7 +125,7 @@ impl Views {
         self.invalidate_maps();
     }
 
-    /// Records the rasterization of a view and logs its requests. Does nothing if ray queries answer.
+    /// Records the rasterization of a view and logs its requests. Does nothing if rays answer.
     pub fn rasterize(&self, recording: &mut Recording, role: ViewRole) {
         self.rasterize_into(recording, role, self.index(role));
     }
@@ -130,7 +137,11 @@ impl Views {
 
     fn rasterize_into(&self, recording: &mut Recording, role: ViewRole, slot: usize) {
         let (Some(pass), Some(scratch)) = (&self.rasterize, &self.scratch) else { return };
-        pass.record(recording, self.get(role), scratch);
+        let view = self.get(role);
+        if view.answers == Answers::Rays {
+            return;
+        }
+        pass.record(recording, view, scratch);
         let at = (slot * size_of::<layouts::ListRequest>()) as u64;
         recording.encoder.copy_buffer_to_buffer(&scratch.tally, 0, &self.requests, at, 4 * ViewScratch::REQUESTED);
     }

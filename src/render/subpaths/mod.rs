@@ -1,4 +1,4 @@
-//! Renders a scene with ray queries: path tracing, or bidirectional path tracing (Veach 1997; Sun 2020) with
+//! Renders a scene with rays of each pixel's own: path tracing, or bidirectional path tracing (Veach 1997; Sun 2020) with
 //! every strategy (s, t), s >= 0 and t >= 1.
 //!
 //! A sample has one eye subpath per pixel and, in bidirectional path tracing, one light subpath per pixel.
@@ -99,7 +99,7 @@ impl Prepared {
     }
 }
 
-/// A renderer of one light and one eye subpath per pixel, with ray queries.
+/// A renderer of one light and one eye subpath per pixel.
 pub struct PathRenderer<'gpu> {
     gpu: &'gpu Gpu,
     scene: GpuScene,
@@ -120,7 +120,7 @@ pub struct PathRenderer<'gpu> {
 }
 
 impl<'gpu> PathRenderer<'gpu> {
-    /// Uploads the scene, and builds its acceleration structures and pipelines. The method is `path` or
+    /// Uploads the scene, and builds the data structure of its rays and the pipelines. The method is `path` or
     /// `bdpt`.
     ///
     /// # Errors
@@ -138,7 +138,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table, &flags)?;
         let mut deformer = Deformer::default();
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
-        gpu_scene.accelerate(gpu, scene, &geometry)?;
+        gpu_scene.trace_with(gpu, plan.tracing, scene, &geometry)?;
         deformer.keep(geometry, sources);
         let frame = gpu.uniform::<layouts::FrameUniform>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&camera_uniform(&camera, settings)));
@@ -273,7 +273,7 @@ impl Renderer for PathRenderer<'_> {
         let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, !same, &table);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
-        self.scene.accelerate(self.gpu, scene, &geometry)?;
+        self.scene.trace_with(self.gpu, self.plan.tracing, scene, &geometry)?;
         self.deformer.keep(geometry, sources);
         let uniform = camera_uniform(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
@@ -340,6 +340,7 @@ impl Renderer for PathRenderer<'_> {
         RenderStats {
             samples: self.samples,
             bytes: self.plan.bytes,
+            tracer_bytes: self.scene.tracer_bytes(),
             passes: self.gpu.timings.totals(),
             ..self.stats.clone()
         }

@@ -8,8 +8,9 @@ use crate::gpu::{Capabilities, Flag, flag_names};
 use crate::render::adaptive_sampling;
 use crate::render::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::render::planned_pass::PlannedPass;
+use crate::render::visibility::tracer::Tracing;
 use crate::scene::{Light, Scene, SceneStats};
-use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
+use crate::settings::{LightSampling, Method, Settings, UNLIMITED, Visibility};
 
 /// Bounces of unlimited paths, which Russian roulette ends much earlier.
 const ENDLESS: u32 = 1 << 24;
@@ -22,6 +23,8 @@ const MOST_OF_A_GROUP: u64 = 65_535 * 64;
 pub struct PathPlan {
     /// Passes, run or skipped, in order.
     pub passes: Vec<PlannedPass>,
+    /// The algorithm that traces rays.
+    pub tracing: Tracing,
     /// Flags of the shaders.
     pub flags: Vec<Flag>,
     /// Most bounces of a path.
@@ -52,13 +55,23 @@ impl PathPlan {
         let vertex_bytes = group * per_pixel;
         Self {
             passes: passes(stats, settings, light_sampling, runs),
-            flags: flags(scene, stats, settings, light_sampling),
+            tracing: tracing_of(settings),
+            flags: [flags(scene, stats, settings, light_sampling).as_slice(), tracing_of(settings).flags()].concat(),
             bounces,
             light_sampling,
             group: group as u32,
             vertex_bytes,
             bytes: pixel_bytes(settings, light_sampling) + vertex_bytes,
         }
+    }
+}
+
+/// Returns the algorithm that traces rays.
+fn tracing_of(settings: &Settings) -> Tracing {
+    match settings.visibility() {
+        Visibility::RayQuery => Tracing::RayQuery,
+        Visibility::Bvh => Tracing::Bvh,
+        Visibility::Exact | Visibility::Fast => Tracing::Grid,
     }
 }
 
@@ -144,6 +157,12 @@ impl fmt::Display for PathPlan {
         let code = if self.flags.is_empty() { "diffuse only".to_owned() } else { flag_names(&self.flags) };
         writeln!(f, "{:<21}  {code}", "shader code")?;
         writeln!(f, "{:<21}  chosen by {}", "lights", self.light_sampling)?;
+        let rays = match self.tracing {
+            Tracing::RayQuery => "ray queries of the device",
+            Tracing::Grid => "a grid of triangle lists, rasterized once per pose",
+            Tracing::Bvh => "a bounding volume hierarchy, built on the CPU",
+        };
+        writeln!(f, "{:<21}  {rays}", "rays")?;
         writeln!(f, "{:<21}  {} pixels", "groups", self.group)?;
         write!(f, "{:<21}  {:.1} MB beside the scene", "memory", self.bytes as f64 * 1e-6)
     }
@@ -187,7 +206,8 @@ mod tests {
     fn path_tracing_has_no_light_subpaths() {
         let path = plan(&Settings { technique: Technique::PATH, bounces: UNLIMITED, ..Settings::default() });
         assert_eq!((runs(&path, "light_paths"), path.vertex_bytes, runs(&path, "eye_paths")), (0, 0, 1));
-        assert!(path.flags.is_empty() && path.to_string().contains("skip"));
+        assert_eq!(path.flags, [Flag::Grid]);
+        assert!(path.to_string().contains("skip"));
     }
 
     #[test]
@@ -197,6 +217,6 @@ mod tests {
         let restir = of(Some(LightSampling::Restir));
         assert_eq!([&none, &ris, &restir].map(|p| runs(p, "reservoirs")), [0, 1, 1]);
         assert!(none.bytes < ris.bytes && ris.bytes < restir.bytes);
-        assert_eq!(restir.flags, [Flag::LightTree, Flag::Reservoirs]);
+        assert_eq!(restir.flags, [Flag::LightTree, Flag::Reservoirs, Flag::Grid]);
     }
 }

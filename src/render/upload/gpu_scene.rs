@@ -9,7 +9,7 @@ use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::material;
 use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
-use crate::render::visibility::acceleration::Acceleration;
+use crate::render::visibility::tracer::{TracedScene, Tracer, Tracing};
 use crate::render::visibility::view::PROJECTED_TRIANGLE_BYTES;
 use crate::scene::{Geometry, Material, Scene};
 
@@ -26,8 +26,8 @@ pub struct GpuScene {
     source: Vec<Material>,
     /// Positions of vertices, 16 bytes each, for raster passes and for building acceleration structures.
     pub positions: wgpu::Buffer,
-    /// Acceleration structures, if built by [`Self::accelerate`].
-    acceleration: Option<Acceleration>,
+    /// The data structure of rays, if built by [`Self::trace_with`].
+    tracer: Option<Tracer>,
     /// Attributes of vertices other than positions.
     pub attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
@@ -109,7 +109,7 @@ impl GpuScene {
             sphere: geometry.sphere(),
             bytes,
             positions,
-            acceleration: None,
+            tracer: None,
             attributes,
             triangle_buffer,
             materials,
@@ -154,7 +154,7 @@ impl GpuScene {
         if self.textured { &[Flag::Textures] } else { &[] }
     }
 
-    /// Returns the bindings of group 0 and of ray queries, followed by those of a pass.
+    /// Returns the bindings of group 0 and of rays, followed by those of a pass.
     #[must_use]
     pub fn with<'a>(
         &'a self,
@@ -177,7 +177,7 @@ impl GpuScene {
         }
         all.extend(self.environment_map.iter().map(|m| ("environment_map", wgpu::BindingResource::TextureView(m))));
         all.extend(self.tables.iter().map(|(name, table)| (*name, table.as_entire_binding())));
-        all.extend(self.acceleration.iter().flat_map(Acceleration::bindings));
+        all.extend(self.tracer.iter().flat_map(Tracer::bindings));
         all.extend_from_slice(own);
         all
     }
@@ -196,7 +196,7 @@ impl GpuScene {
     }
 
     /// Uploads the triangles, lights and bounds of another pose that [fits](Self::fits). `refined` is true if
-    /// the tessellated triangles differ. Vertices and acceleration structures are not updated.
+    /// the tessellated triangles differ. Vertices and the data structure of rays are not updated.
     pub fn pose(&mut self, gpu: &Gpu, geometry: &Geometry, refined: bool, lights: &LightTable) {
         let plain = geometry.triangles.len() - geometry.tessellated;
         let triangles = if refined {
@@ -219,16 +219,41 @@ impl GpuScene {
         }
     }
 
-    /// Builds the acceleration structures for ray queries.
+    /// Builds the data structure that rays are traced through, for the scene in its pose.
     ///
     /// # Errors
-    /// [`GpuError::Device`] if the device was opened without ray queries.
-    pub fn accelerate(&mut self, gpu: &Gpu, scene: &Scene, geometry: &Geometry) -> Result<(), GpuError> {
-        if !gpu.capabilities.ray_queries {
-            return Err(GpuError::Device("it was opened without ray queries".to_owned()));
-        }
-        self.acceleration = Some(Acceleration::new(gpu, &self.positions, scene, geometry));
+    /// [`GpuError::Device`] if the device fails, lacks ray queries, or cannot bind the structure.
+    pub fn trace_with(
+        &mut self,
+        gpu: &Gpu,
+        tracing: Tracing,
+        scene: &Scene,
+        geometry: &Geometry,
+    ) -> Result<(), GpuError> {
+        let old = self.tracer.take();
+        let traced = self.traced();
+        self.tracer = Some(match old {
+            Some(tracer) => tracer.rebuild(gpu, tracing, &traced, scene, geometry)?,
+            None => Tracer::new(gpu, tracing, &traced, scene, geometry)?,
+        });
         Ok(())
+    }
+
+    /// Returns what data structures of rays are built from.
+    #[must_use]
+    pub fn traced(&self) -> TracedScene<'_> {
+        TracedScene {
+            bindings: self.with(&[]),
+            positions: &self.positions,
+            triangles: self.triangles,
+            bounds: self.bounds,
+        }
+    }
+
+    /// Returns the bytes of the data structure of rays.
+    #[must_use]
+    pub fn tracer_bytes(&self) -> u64 {
+        self.tracer.as_ref().map_or(0, Tracer::bytes)
     }
 
     /// Returns center and radius of the scene's bounding sphere, in metres.

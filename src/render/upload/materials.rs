@@ -4,10 +4,10 @@ use crate::render::layouts;
 use crate::render::layouts::bsdf_model;
 use crate::render::layouts::index::NONE;
 use crate::render::layouts::material_flags::{
-    CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
+    BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
 };
 use crate::render::upload::textures::Atlas;
-use crate::scene::{Boundary, Bsdf, Fresnel, Material, Scene, Sides};
+use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
 
 /// Returns the record of a material, and adds its textures to the atlas.
 pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material {
@@ -37,10 +37,15 @@ pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layout
         out.normal_texture = atlas.add(scene, &normal_map.texture, 0);
         out.normal_scale = normal_map.scale;
     }
-    if let Some(mask) = &m.alpha_mask {
-        out.flags |= MASKED;
-        (out.mask_value, out.mask_texture) = atlas.scalar(scene, &mask.value);
-        out.mask_cutoff = mask.cutoff;
+    if let Some(opacity) = &m.opacity {
+        (out.mask_value, out.mask_texture) = atlas.scalar(scene, opacity.value());
+        match opacity {
+            Opacity::CutOut { cutoff, .. } => {
+                out.flags |= MASKED;
+                out.mask_cutoff = *cutoff;
+            }
+            Opacity::Blended { .. } => out.flags |= MASKED | BLENDED,
+        }
     }
     if m.bsdf.transmits() {
         out.flags |= TRANSMITS;

@@ -1,8 +1,8 @@
 //! Acceleration structures for ray queries, built from the positions that raster passes read.
 //!
-//! Each run of consecutive triangles with an alpha mask, or without one, is a geometry, so that the triangle
-//! of a hit is the first triangle of its geometry plus the primitive index. Triangles without an alpha mask
-//! are opaque: queries commit them without a test by the shader.
+//! Each run of consecutive triangles that rays may pass (masked or blended), or that they may not, is a
+//! geometry, so that the triangle of a hit is the first triangle of its geometry plus the primitive index.
+//! The others are opaque: queries commit them without a test by the shader.
 
 use crate::gpu::Gpu;
 use crate::scene::{Geometry, Scene};
@@ -25,7 +25,7 @@ impl Acceleration {
         let indices = gpu.upload_for_building("indices", &triangles, wgpu::BufferUsages::empty());
         let has_holes = |triangle: u32| {
             let material = geometry.materials.get(triangle as usize);
-            material.is_some_and(|&m| scene.materials[m as usize].alpha_mask.is_some())
+            material.is_some_and(|&m| scene.materials[m as usize].opacity.is_some())
         };
         let runs = runs(triangles.len() as u32, has_holes);
         let first_triangles: Vec<u32> = runs.iter().map(|run| run.0).collect();

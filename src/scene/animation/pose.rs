@@ -119,6 +119,9 @@ impl Scene {
                 }
                 Target::Material(material, factor) => {
                     let material = &mut self.materials[material];
+                    if let (Factor::BaseColor, Some(opacity)) = (factor, &mut material.opacity) {
+                        opacity.value_mut().factor = value[3].clamp(0.0, 1.0);
+                    }
                     match (factor, &mut material.bsdf, &mut material.emission) {
                         (Factor::Emissive, _, Some(emission)) => {
                             emission.radiance.factor = Vec3::from_slice(value).max(Vec3::ZERO);

@@ -26,7 +26,7 @@ pub enum Target {
 /// A factor of a material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Factor {
-    /// Linear RGB with alpha, which is ignored.
+    /// Linear RGB, and the factor of the opacity, which opaque materials ignore.
     BaseColor,
     /// 0 to 1.
     Metallic,

@@ -187,14 +187,45 @@ pub struct NormalMap {
     pub scale: f32,
 }
 
-/// An alpha test: the surface exists only where factor times the texture's channel (0 red to 3 alpha) times
-/// vertex alpha is at least `cutoff`.
+/// Partial presence of a surface. Its alpha is factor times the texture's channel (0 red to 3 alpha) times
+/// vertex alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AlphaMask {
-    /// Value under test.
-    pub value: Scalar,
-    /// Threshold.
-    pub cutoff: f32,
+pub enum Opacity {
+    /// An alpha test: the surface exists only where alpha is at least `cutoff`.
+    CutOut {
+        /// Alpha.
+        value: Scalar,
+        /// Threshold.
+        cutoff: f32,
+    },
+    /// The surface stops a ray with a probability of alpha; otherwise the ray passes straight on.
+    Blended {
+        /// Alpha; below 0 counts as 0, above 1 as 1.
+        value: Scalar,
+    },
+}
+
+impl Opacity {
+    /// Returns alpha without vertex alpha.
+    #[must_use]
+    pub fn value(&self) -> &Scalar {
+        match self {
+            Self::CutOut { value, .. } | Self::Blended { value } => value,
+        }
+    }
+
+    /// Returns the same, to change it.
+    pub fn value_mut(&mut self) -> &mut Scalar {
+        match self {
+            Self::CutOut { value, .. } | Self::Blended { value } => value,
+        }
+    }
+
+    /// Returns true if the surface is blended.
+    #[must_use]
+    pub fn is_blended(&self) -> bool {
+        matches!(self, Self::Blended { .. })
+    }
 }
 
 /// Behaviour of the back side of a surface. All surfaces block light from both sides.
@@ -220,8 +251,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
-    /// Alpha test, if any.
-    pub alpha_mask: Option<AlphaMask>,
+    /// Partial presence; none for a surface without holes.
+    pub opacity: Option<Opacity>,
     /// Behaviour of the back side.
     pub sides: Sides,
     /// Medium behind the surface if the BSDF transmits.
@@ -236,7 +267,7 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
-            alpha_mask: None,
+            opacity: None,
             sides: Sides::Two,
             boundary: Boundary::Volume { absorption: Vec3::ZERO },
         }

@@ -5,7 +5,8 @@ use std::collections::HashSet;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::scene::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scene};
+use crate::scene::model::material::SMOOTH;
+use crate::scene::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
 
 /// Counts and extremes of a scene.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -39,11 +40,17 @@ pub struct SceneStats {
     pub environment_map: bool,
     /// Triangles with a lobe besides the diffuse one.
     pub glossy_triangles: usize,
+    /// True if any lobe is perfectly smooth somewhere: mirrors and clear glass.
+    pub smooth: bool,
+    /// True if any surface transmits light.
+    pub transmits: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
     /// (shaders/denoise/filter.wesl).
     pub narrow_metals: bool,
-    /// Triangles with an alpha test.
+    /// Triangles that rays may pass: with an alpha test, or blended.
     pub masked_triangles: usize,
+    /// Those of them that are blended.
+    pub blended_triangles: usize,
     /// Texels of the images that materials use.
     pub texels: u64,
     /// Triangles made by tessellation.
@@ -108,8 +115,11 @@ impl SceneStats {
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),
+            smooth: count(&|m| is_smooth(m, scene)) > 0,
+            transmits: count(&|m| m.bsdf.transmits()) > 0,
             narrow_metals: count(&is_narrow_metal) > 0,
-            masked_triangles: count(&|m| m.alpha_mask.is_some()),
+            masked_triangles: count(&|m| m.opacity.is_some()),
+            blended_triangles: count(&|m| m.opacity.is_some_and(|opacity| opacity.is_blended())),
             texels: if scene.textures.is_empty() {
                 0
             } else {
@@ -155,6 +165,24 @@ fn is_narrow_metal(material: &Material) -> bool {
         Bsdf::Conductor { alpha, .. } => alpha.factor < WIDE,
         Bsdf::MetallicRoughness { metallic, roughness, .. } => metallic.factor > 0.5 && roughness.factor.powi(2) < WIDE,
         _ => false,
+    }
+}
+
+/// Returns true if a material's lobe is perfectly smooth somewhere.
+fn is_smooth(material: &Material, scene: &Scene) -> bool {
+    let lowest = |width: &Scalar| {
+        let texel = width.texture.map_or(255, |(texture, channel)| {
+            let image = &scene.images[scene.textures[texture.texture].image];
+            image.texels.par_iter().map(|texel| texel[channel as usize]).min().unwrap_or(0)
+        });
+        width.factor * f32::from(texel) / 255.0
+    };
+    match &material.bsdf {
+        Bsdf::Diffuse { .. } => false,
+        Bsdf::MetallicRoughness { roughness, .. } => lowest(roughness).powi(2) < SMOOTH,
+        Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } | Bsdf::Dielectric { alpha, .. } => {
+            lowest(alpha) < SMOOTH
+        }
     }
 }
 

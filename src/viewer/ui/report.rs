@@ -63,7 +63,7 @@ pub fn counts(ui: &mut Ui, state: &State, picture: &Picture) {
         ("pictures a second", format!("{:.1}", state.pictures_a_second)),
         ("film", format!("{}x{}", picture.film.width, picture.film.height)),
         ("on the device", megabytes(stats.bytes)),
-        ("scene on the device", megabytes(stats.scene_bytes)),
+        ("scene on the device", megabytes(stats.scene_bytes + stats.tracer_bytes)),
         ("redone for capacity", stats.redone.to_string()),
         ("not finite", stats.non_finite.to_string()),
     ];

@@ -54,6 +54,20 @@ const CONNECTION: f64 = 30.0;
 /// Nanoseconds per extension along a bundle. cornell_point: 22 ms for two.
 const EXTENSION: f64 = 42.0;
 
+/// Nanoseconds per connection by which a ray through the grid takes longer than a look-up. cornell_point: 55,
+/// `displaced_room` of 60,000 triangles: 172, Sponza: 170, living-room: 260.
+const TRACED_CONNECTION: f64 = 55.0;
+
+/// Nanoseconds per extension by which a ray through the grid takes longer than a look-up. cornell_point: 62,
+/// `displaced_room`: 187, living-room: 230; in Sponza it takes less.
+const TRACED_EXTENSION: f64 = 62.0;
+
+/// Relative increase of these for each doubling of triangles.
+const TRACED_DOUBLING: f64 = 0.2;
+
+/// Nanoseconds per triangle of making the grid, over the iterations that use it.
+const GRID: f64 = 20.0;
+
 /// Relative increase of the time of look-ups and hits for each doubling of triangles beyond
 /// [`FEW_TRIANGLES`]. Measured: 0.29 in `displaced_room` of 10,000 to 1,000,000 triangles (3.1 to 5.3 times
 /// as long), 0.22 in Sponza, which is glossy as well (7.4 times).
@@ -90,6 +104,10 @@ pub struct Work {
     pub connections: u64,
     /// Extensions per pixel.
     pub extensions: u64,
+    /// Connections of these that rays answer.
+    pub traced_connections: u64,
+    /// Extensions of these that rays answer.
+    pub traced_extensions: u64,
     /// True if surfaces have lobes other than the diffuse one.
     pub glossy: bool,
     /// True if metals with narrow lobes exist.
@@ -124,13 +142,23 @@ impl Cost {
         let mut slower = 1.0 + DOUBLING * f64::from(doublings);
         slower *= if work.glossy { GLOSSY } else { 1.0 };
         let pixel = PIXEL + CONNECTION * count(work.connections) + EXTENSION * count(work.extensions);
+        let traced =
+            TRACED_CONNECTION * count(work.traced_connections) + TRACED_EXTENSION * count(work.traced_extensions);
+        let traced = traced * (1.0 + TRACED_DOUBLING * f64::from(doublings));
+        let grid = if traced > 0.0 { GRID * count(work.triangles) } else { 0.0 };
         let filling = if work.software { FILLS_SOFTWARE } else { FILLS_GPU };
         Self {
             subpath: SUBPATH + views + taps,
-            pixels: slower * pixel * count(work.pixels) + DRAWN * count(work.triangles),
+            pixels: (slower * pixel + traced) * count(work.pixels) + DRAWN * count(work.triangles) + grid,
             fills: count(work.pixels / filling).sqrt().max(1.0) as u32,
             gains: if work.narrow_metals { LARGEST_OF_METALS } else { LARGEST },
         }
+    }
+
+    /// Returns the time per light subpath of an iteration with squares of a side.
+    #[must_use]
+    pub fn per_subpath(&self, side: u32) -> f64 {
+        self.subpath + self.pixels / f64::from(side * side)
     }
 
     /// Returns the side of the squares.
@@ -159,6 +187,8 @@ mod tests {
         pixels: 512 * 512,
         connections: 6,
         extensions: 2,
+        traced_connections: 0,
+        traced_extensions: 0,
         glossy: false,
         narrow_metals: false,
         filtered: true,

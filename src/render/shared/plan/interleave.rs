@@ -38,8 +38,7 @@ impl FramePlan {
         (side, format!("auto: by the model a light subpath takes {share:.1} % of the time of all pixels{bound}"))
     }
 
-    /// Returns the work of an iteration for the cost model. With `--visibility ray-query` it is that of the
-    /// lists, so that both have the same random numbers.
+    /// Returns the work of an iteration for the cost model.
     pub(super) fn work(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Work {
         // Maps around lights without extent are kept if each light has its own.
         let only_light = stats.lights == 1 && !self.starts_from_emitters;
@@ -51,7 +50,10 @@ impl FramePlan {
         };
         let other_candidates = if self.has_candidates() { u64::from(self.light_candidates - 1) } else { 0 };
         let fills = |role: ViewRole| if role == ViewRole::Candidate(0) { other_candidates } else { 1 };
-        let filled: Vec<_> = self.views().into_iter().filter(|view| !kept(view.role)).collect();
+        let is_filled = |view: &PlannedView| !self.ray_views.answer(view.role) && !kept(view.role);
+        let filled: Vec<_> = self.views().into_iter().filter(is_filled).collect();
+        let by_rays = |s: u32| self.ray_views.answer(ViewRole::LightVertex(s - 1));
+        let traced = self.connections.iter().filter(|c| by_rays(c.s));
         Work {
             // Counts that vary with the view are rounded up to an eighth, so that frames of an animation have
             // the same side.
@@ -62,8 +64,11 @@ impl FramePlan {
             connections: self.connections.iter().map(|c| u64::from(self.points_connected(c))).sum::<u64>()
                 + other_candidates,
             extensions: self.extensions.len() as u64,
+            traced_connections: traced.map(|c| u64::from(self.points_connected(c))).sum::<u64>()
+                + if self.ray_views.lights { other_candidates } else { 0 },
+            traced_extensions: if self.ray_views.bundles { self.extensions.len() as u64 } else { 0 },
             glossy: self.glossy(),
-            narrow_metals: stats.narrow_metals,
+            narrow_metals: stats.narrow_metals && !self.own_directions,
             filtered: !settings.unfiltered,
             software: capabilities.software,
         }

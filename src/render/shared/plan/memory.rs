@@ -15,15 +15,12 @@ impl FramePlan {
     #[must_use]
     pub fn item_capacity(&self, triangles: u64, limit: u64) -> u64 {
         // Small triangles go to lists without items.
-        if self.rays || self.views().is_empty() { 0 } else { (triangles / 4 + 1024).min(limit / 16) }
+        if !self.rasterizes_views() { 0 } else { (triangles / 4 + 1024).min(limit / 16) }
     }
 
     /// Returns the initial capacity of a view for list nodes, which grows likewise.
     #[must_use]
     pub fn node_capacity(&self, triangles: u64, texels: Texels, limit: u64) -> u64 {
-        if self.rays {
-            return 0;
-        }
         // Measured in Sponza (bundles 0.5 to 9 nodes a triangle, maps from inside 0.5 to 8) and the Cornell
         // box (1.6 and 1.3 a texel).
         let count = texels.count();
@@ -59,13 +56,16 @@ impl FramePlan {
         let selected =
             if self.has_candidates() { layouts::SelectedLight::bytes(demodulated, self.reuses()) } else { 0 };
         let radiance = if layered { 48 } else { 16 };
-        let per_band_pixel =
-            selected + layouts::EyeVertex::bytes(demodulated) + layouts::Shading::bytes(self.glossy()) + radiance;
+        let per_band_pixel = selected
+            + layouts::EyeVertex::bytes(demodulated, self.transmits())
+            + layouts::Shading::bytes(self.glossy(), self.transmits())
+            + radiance;
         let film = if layered { self.denoise().bytes() } else { pixels * film::DEVICE_BYTES };
         let converged = if self.adaptive { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
         let reservoirs = if self.reuses() { 2 * size_of::<layouts::PixelReservoir>() as u64 } else { 0 };
         // The G-buffer takes 8 bytes a pixel, with its depth.
-        let image = film + converged + pixels * (8 + reservoirs) + self.grid.largest() * per_band_pixel;
+        let gbuffer = if self.traces_camera { 0 } else { 8 };
+        let image = film + converged + pixels * (gbuffer + reservoirs) + self.grid.largest() * per_band_pixel;
         let view = |PlannedView { role, texels }: PlannedView| {
             let nodes = self.node_capacity(triangles, texels, limit);
             self.projected_triangles(role, triangles) * PROJECTED_TRIANGLE_BYTES

@@ -1,13 +1,14 @@
 //! Decides an iteration before anything is allocated: passes, shader flags, views, sizes and bytes, with the
 //! reason for each.
 //!
-//! [`strategies`] chooses the strategies (s, t), [`views`] lists the views, [`memory`] counts bytes,
-//! [`interleave`] chooses how many pixels share a light subpath by the model of [`cost`], and [`report`]
+//! [`strategies`] chooses the strategies (s, t), [`views`] lists the views, [`ray_views`] chooses those that
+//! rays answer, [`memory`] counts bytes, [`interleave`] chooses how many pixels share a light subpath by the model of [`cost`], and [`report`]
 //! writes the rows that `lightsheaf plan` prints.
 
 pub mod cost;
 pub mod interleave;
 pub mod memory;
+pub mod ray_views;
 pub mod report;
 pub mod strategies;
 pub mod views;
@@ -17,7 +18,9 @@ use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::Grid;
 use crate::render::planned_pass::PlannedPass;
 use crate::render::shared::plan::cost::Cost;
+use crate::render::shared::plan::ray_views::RayViews;
 use crate::render::shared::plan::strategies::{Connection, Extension, StrategySet};
+use crate::render::visibility::tracer::Tracing;
 use crate::scene::{Camera, SceneStats};
 use crate::settings::{LightSampling, RestirBias, Settings, Strategies, Visibility};
 
@@ -87,6 +90,9 @@ pub struct FramePlan {
     pub sky_bundles: bool,
     /// True if lights without extent have a reflective shadow map that proposes directions (pass rsm).
     pub rsm: bool,
+    /// True if the map around a light without extent is kept for the next iteration. Depth maps hold the
+    /// decisions at blended surfaces, which have to be made anew; lists do not.
+    pub keeps_maps: bool,
     /// Connections in order.
     pub connections: Vec<Connection>,
     /// Extensions in order; each takes a bundle of its own.
@@ -108,8 +114,17 @@ pub struct FramePlan {
     pub shares_gbuffer: bool,
     /// True if lists are centre-sampled and depths compared (`--visibility fast`).
     pub fast: bool,
-    /// True if ray queries answer visibility in place of lists and maps.
-    pub rays: bool,
+    /// The views whose queries rays answer in place of lists and maps.
+    pub ray_views: RayViews,
+    /// The reason for it.
+    pub rays_reason: String,
+    /// True if the camera's rays are traced, too, in place of a G-buffer: where `exact` traces any. The same
+    /// holds for the other algorithms, so that all start from the same z1.
+    pub traces_camera: bool,
+    /// True if glossy surfaces draw directions of their own, and paths follow mirrors and glass.
+    pub own_directions: bool,
+    /// The algorithm that traces rays, if any are traced.
+    pub tracing: Option<Tracing>,
     /// Node capacity at the start, as a multiple of the usual guess.
     pub list_room: f32,
     /// Indirect bounces.
@@ -154,13 +169,14 @@ impl FramePlan {
         let extensions = strategies.extensions(&connections);
         let reuse = (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias);
         let fast = settings.visibility() == Visibility::Fast;
+        let own_directions = settings.draws_own_directions() && stats.glossy_triangles > 0;
         let sizes = resolutions(stats, settings, fast, light_candidates > 1 || reuse.is_some());
         let starts_from_emitters = strategies.emitters && settings.strategies != Strategies::Paper;
         let hits_sky = stats.environment_map && extensions.iter().any(|e: &Extension| e.hits_emitter);
         let lights = stats.lights + usize::from(stats.environment);
         let mut plan = Self {
             passes: Vec::new(),
-            surface_flags: surface_flags(stats),
+            surface_flags: surface_flags(stats, own_directions),
             light_flags: light_flags(stats),
             light_vertices,
             light_candidates,
@@ -171,6 +187,7 @@ impl FramePlan {
             starts_from_emitters,
             sky_bundles: hits_sky && !starts_from_emitters,
             rsm: stats.lights > 0 && light_vertices > 1,
+            keeps_maps: !fast || stats.blended_triangles == 0,
             connections,
             extensions,
             list_lengths: settings.list_lengths,
@@ -181,7 +198,11 @@ impl FramePlan {
             light_resolution: sizes.light,
             vpl_resolution: sizes.vpl,
             fast,
-            rays: settings.visibility() == Visibility::RayQuery,
+            ray_views: RayViews::default(),
+            rays_reason: String::new(),
+            traces_camera: false,
+            own_directions,
+            tracing: None,
             list_room: settings.list_room,
             bounces: settings.bounces,
             grid: Grid::undivided([settings.width, settings.height], settings.upsample),
@@ -189,6 +210,7 @@ impl FramePlan {
             cost: Cost::default(),
             adaptive: false,
             clear_light: stats.emissive_triangles == 0
+                && stats.blended_triangles == 0
                 && lights == stats.sharp_lights
                 && light_candidates == 1
                 && (lights == 1 || direct_lights > 0),
@@ -198,15 +220,15 @@ impl FramePlan {
             history: settings.history,
             bytes: 0,
         };
-        plan.divide_image(stats, settings, capabilities);
+        plan.choose_ray_views(stats, settings, capabilities);
+        plan.divide_image(stats, settings);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.rows(stats, settings);
         plan
     }
 
     /// Chooses the squares of interleaved sampling, the bands, and everything that depends on these.
-    fn divide_image(&mut self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) {
-        self.cost = Cost::new(&self.work(stats, settings, capabilities));
+    fn divide_image(&mut self, stats: &SceneStats, settings: &Settings) {
         (self.grid.side, self.interleave) = self.choose_side(stats, settings);
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
@@ -214,7 +236,7 @@ impl FramePlan {
         self.measures_bias =
             settings.target_error.is_some() && self.filtered && !settings.tame_outliers && settings.upsample == 1;
         self.adaptive = settings.target_error.is_some() && !self.is_layered();
-        self.shares_gbuffer = !self.is_layered() && 4 * stats.triangles as u64 > pixels;
+        self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;
         let usual = if self.has_candidates() && !self.reuses() {
             CANDIDATE_BAND_PIXELS
         } else if pixels <= u64::from(TWO_BANDS) {
@@ -228,8 +250,9 @@ impl FramePlan {
     /// True if another plan has the same pipelines and buffers, for perhaps another number of triangles.
     #[must_use]
     pub fn same_pipelines(&self, other: &Self) -> bool {
-        let Self { bytes, cost, ref interleave, .. } = *self;
-        *self == Self { bytes, cost, interleave: interleave.clone(), ..other.clone() }
+        let Self { bytes, cost, ref interleave, ref rays_reason, .. } = *self;
+        let (interleave, rays_reason) = (interleave.clone(), rays_reason.clone());
+        *self == Self { bytes, cost, interleave, rays_reason, ..other.clone() }
     }
 
     /// Returns the number of iterations that share a G-buffer: the camera's position and the place within the
@@ -301,6 +324,12 @@ impl FramePlan {
         self.surface_flags.contains(&Flag::Glossy)
     }
 
+    /// True if light passes surfaces.
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        self.surface_flags.contains(&Flag::Transmission)
+    }
+
     /// Returns the plan of the denoiser.
     #[must_use]
     pub fn denoise(&self) -> DenoisePlan {
@@ -354,12 +383,14 @@ fn resolutions(stats: &SceneStats, settings: &Settings, fast: bool, many_maps: b
 }
 
 /// Returns the flags of shaders that read surfaces.
-fn surface_flags(stats: &SceneStats) -> Vec<Flag> {
+fn surface_flags(stats: &SceneStats, own_directions: bool) -> Vec<Flag> {
     chosen([
         (Flag::Textures, stats.texels > 0),
         (Flag::VertexColors, stats.vertex_colors),
         (Flag::Glossy, stats.glossy_triangles > 0),
         (Flag::Masks, stats.masked_triangles > 0),
+        (Flag::Specular, own_directions),
+        (Flag::Transmission, own_directions && stats.transmits),
     ])
 }
 

@@ -6,6 +6,7 @@ use std::fmt;
 use crate::gpu::flag_names;
 use crate::render::planned_pass::PlannedPass;
 use crate::render::shared::plan::FramePlan;
+use crate::render::shared::plan::ray_views::RayViews;
 use crate::scene::SceneStats;
 use crate::settings::Settings;
 
@@ -46,8 +47,12 @@ impl FramePlan {
         let candidates = if self.has_candidates() { candidates } else { 0 };
         // Maps around lights without extent are kept.
         let others = self.direct_lights.saturating_sub(stats.sharp_lights as u32).saturating_sub(1);
-        let maps = subpaths * (self.light_vertices + others) + candidates;
-        Counts { subpaths, bands, clear_bands, maps, bundles: subpaths * self.bundles() }
+        // Views that rays answer are not rasterized.
+        let RayViews { lights, vpls, bundles: by_rays } = self.ray_views;
+        let of_lights = if lights { 0 } else { subpaths * (self.light_vertices.min(1) + others) + candidates };
+        let of_vpls = if vpls { 0 } else { self.light_vertices.saturating_sub(1) };
+        let maps = of_lights + subpaths * of_vpls;
+        Counts { subpaths, bands, clear_bands, maps, bundles: if by_rays { 0 } else { subpaths * self.bundles() } }
     }
 
     fn light_rows(&self, counts: &Counts) -> [PlannedPass; 2] {
@@ -70,8 +75,8 @@ impl FramePlan {
     fn view_rows(&self, counts: &Counts) -> [PlannedPass; 3] {
         let &Counts { maps, bundles, .. } = counts;
         let kept = "the view of a light without extent is reused while the light stays the same";
-        let views = if self.rays { 0 } else { maps + bundles };
-        let or_rays = |why: String| if self.rays { "ray queries answer visibility".to_owned() } else { why };
+        let views = maps + bundles;
+        let or_rays = |why: String| if views == 0 { "rays answer visibility".to_owned() } else { why };
         let depth =
             if self.fast { format!("around light vertices; {kept}") } else { "only with --visibility fast".to_owned() };
         [
@@ -121,7 +126,11 @@ impl FramePlan {
         };
         let lengths = if self.list_lengths { "in place of light" } else { "not asked for" };
         vec![
-            row("gbuffer", 1, format!("z1 of every pixel{shared}")),
+            if self.traces_camera {
+                row("gbuffer", 0, "rays find z1")
+            } else {
+                row("gbuffer", 1, format!("z1 of every pixel{shared}"))
+            },
             row("eye_vertices", bands + clear_bands, "exact positions, and emission that the camera sees"),
             row("list_lengths", if self.list_lengths { bands } else { 0 }, lengths),
             row("connect", connections, connect),
@@ -183,8 +192,8 @@ impl fmt::Display for FramePlan {
         writeln!(f, "{:<16} {:>4}  {}", "interleave", self.grid.side, self.interleave)?;
         writeln!(f, "{:<21}  {}", "surface code", or(flag_names(&self.surface_flags), "diffuse only"))?;
         writeln!(f, "{:<21}  {}", "light code", or(flag_names(&self.light_flags), "none"))?;
-        let visibility = if self.rays {
-            "ray queries, for any resolution"
+        let visibility = if !self.rasterizes_views() {
+            "by rays, for any resolution"
         } else if self.fast {
             "depth maps and centre-sampled lists (fast)"
         } else {
@@ -198,6 +207,7 @@ impl fmt::Display for FramePlan {
             "{:<21}  bundles {bundle}^2 x {slabs}, light {faces} x {light}^2, VPLs 6 x {vpl}^2, {visibility}",
             "views"
         )?;
+        writeln!(f, "{:<21}  {}", "rays", self.rays_reason)?;
         write!(f, "{:<21}  {:.1} MB beside the scene", "memory", self.bytes as f64 * 1e-6)
     }
 }

@@ -50,6 +50,8 @@ pub(super) struct StrategySet<'a> {
     pub light_vertices: u32,
     /// Light points that direct light is selected from.
     pub light_candidates: u32,
+    /// True if paths follow mirrors or clear glass.
+    smooth: bool,
 }
 
 impl<'a> StrategySet<'a> {
@@ -66,7 +68,8 @@ impl<'a> StrategySet<'a> {
             (_, Strategies::Paper) => most.min(2),
             _ => most,
         };
-        Self { settings, emitters, light_vertices, light_candidates: 1 }
+        let smooth = settings.draws_own_directions() && stats.smooth;
+        Self { settings, emitters, light_vertices, light_candidates: 1, smooth }
     }
 
     /// True unless another strategy is the only one that counts.
@@ -78,7 +81,12 @@ impl<'a> StrategySet<'a> {
     /// and a third of all look-ups, and light subpaths sample the same paths (docs/journal.md, "Cost of an
     /// iteration").
     fn without_emitter_hits(&self, k: u32) -> bool {
-        k > 1 && k == self.settings.bounces && self.light_vertices > 1 && self.settings.strategies == Strategies::All
+        // Light that a mirror reflects is found by s = 0 alone.
+        !self.smooth
+            && k > 1
+            && k == self.settings.bounces
+            && self.light_vertices > 1
+            && self.settings.strategies == Strategies::All
     }
 
     /// Returns the sample counts of s = 0, 1, 2, 3 for paths of k bounces, which have strategies s = 0 ...

@@ -93,19 +93,25 @@ impl FramePlan {
     /// lights at infinity project the triangles that they need.
     #[must_use]
     pub fn projected_triangles(&self, role: ViewRole, triangles: u64) -> u64 {
-        if self.rays || role.is_map() { 0 } else { triangles }
+        if self.ray_views.answer(role) || role.is_map() { 0 } else { triangles }
     }
 
     /// Returns the data structure that answers queries to a view.
     #[must_use]
     pub fn answers(&self, role: ViewRole) -> Answers {
-        if self.rays {
+        if self.ray_views.answer(role) {
             Answers::Rays
         } else if self.has_depth_maps() && role.is_map() {
             Answers::DepthMap
         } else {
             Answers::Lists { node_words: self.node_words() }
         }
+    }
+
+    /// True if any view has lists or a depth map.
+    #[must_use]
+    pub fn rasterizes_views(&self) -> bool {
+        self.views().iter().any(|view| !self.ray_views.answer(view.role))
     }
 
     /// Returns the number of ray-bundles of a light subpath.

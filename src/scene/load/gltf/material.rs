@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::file::File;
 use crate::scene::{
-    AlphaMask, Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Scalar, Scene, Sides,
+    Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar, Scene, Sides,
     Texture, TextureRef, Wrap,
 };
 
@@ -103,7 +103,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
-            alpha_mask: alpha_mask(file, scene, &place, material, base_color_texture, has_colors)?,
+            opacity: opacity(file, &place, material, base_color_texture)?,
             // Transmitted light reaches both sides.
             sides: if two_sided || transmission.factor > 0.0 { Sides::Two } else { Sides::OneCulled },
             boundary,
@@ -300,27 +300,20 @@ fn check_numbers(file: &File, scene: &mut Scene, place: &str, material: &JsonMat
     Ok(())
 }
 
-fn alpha_mask(
+fn opacity(
     file: &File,
-    scene: &mut Scene,
     place: &str,
     material: &JsonMaterial,
     texture: Option<TextureRef>,
-    has_colors: bool,
-) -> Result<Option<AlphaMask>, LoadError> {
+) -> Result<Option<Opacity>, LoadError> {
     let factor = material.pbr_metallic_roughness.base_color_factor.0[3];
     let value = Scalar { factor, texture: texture.map(|t| (t, 3)) };
     match &material.alpha_mode {
         Checked::Valid(AlphaMode::Opaque) => Ok(None),
         Checked::Valid(AlphaMode::Mask) => {
-            Ok(Some(AlphaMask { value, cutoff: material.alpha_cutoff.map_or(0.5, |c| c.0) }))
+            Ok(Some(Opacity::CutOut { value, cutoff: material.alpha_cutoff.map_or(0.5, |c| c.0) }))
         }
-        // Blending that is always opaque needs neither a mask nor a warning.
-        Checked::Valid(AlphaMode::Blend) if factor >= 1.0 && texture.is_none() && !has_colors => Ok(None),
-        Checked::Valid(AlphaMode::Blend) => {
-            scene.warn("alphaMode BLEND is not supported: surfaces are cut out where alpha is below 0.5");
-            Ok(Some(AlphaMask { value, cutoff: 0.5 }))
-        }
+        Checked::Valid(AlphaMode::Blend) => Ok(Some(Opacity::Blended { value })),
         Checked::Invalid => Err(file.error(place, "unknown alphaMode")),
     }
 }

@@ -13,8 +13,7 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    AlphaMask, Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Scalar, Sides, Texture,
-    TextureRef,
+    Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides, Texture, TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
@@ -59,9 +58,9 @@ impl<'a> Loader<'a> {
                 let bsdf = self.plain(&plugin, kind)?;
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
                 let plain = Material::diffuse(name, Vec3::ONE);
-                let alpha_mask = (kind == "null").then(|| AlphaMask { value: 0.0.into(), cutoff: 0.5 });
+                let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
                 let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
-                let material = Material { bsdf, alpha_mask, boundary, sides: Sides::One, ..plain };
+                let material = Material { bsdf, opacity, boundary, sides: Sides::One, ..plain };
                 Surface { material, basis: None, bump: false }
             }
         };
@@ -129,21 +128,13 @@ impl<'a> Loader<'a> {
 
     fn mask(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
         let value = self.opacity(plugin)?;
-        let partial = match value.texture {
-            None => value.factor > 0.0 && value.factor < 1.0,
-            Some((texture, channel)) => {
-                let image = &self.scene.images[self.scene.textures[texture.texture].image];
-                image.texels.iter().any(|t| !matches!(t[channel as usize], 0 | 255))
+        match surface.material.opacity {
+            None => surface.material.opacity = Some(Opacity::Blended { value }),
+            Some(Opacity::Blended { .. }) => {
+                self.warn(format!("{}: of masks in masks only the innermost counts", plugin.element.title()));
             }
-        };
-        if partial {
-            self.warn(format!(
-                "{}: opacities are cut at 0.5, partly opaque places are drawn as all or nothing",
-                plugin.element.title()
-            ));
-        }
-        if surface.material.alpha_mask.is_none() {
-            surface.material.alpha_mask = Some(AlphaMask { value, cutoff: 0.5 });
+            // Nothing of a `null` is there to be masked.
+            Some(Opacity::CutOut { .. }) => {}
         }
         Ok(())
     }

@@ -5,8 +5,8 @@
 //! layers, and the batch's log, which counts values that are not finite. Skipped when: a list overflowed in
 //! the iteration, which is then redone.
 
-use crate::gpu::{Compute, Flag, Gpu};
-use crate::render::recording::{Binding, Recording};
+use crate::gpu::{Binding, Compute, Flag, Gpu};
+use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
 
 /// The pass.

@@ -29,13 +29,12 @@ pub struct LightSubpathInputs<'a> {
 }
 
 impl LightSubpath {
-    /// Builds the pipelines.
+    /// Builds the pipelines of y1 and y2 from the flags of either.
     #[must_use]
-    pub fn new(gpu: &Gpu, flags: &[Flag]) -> Self {
-        let from_light = [flags, &[Flag::Y1]].concat();
+    pub fn new(gpu: &Gpu, y1: &[Flag], y2: &[Flag]) -> Self {
         Self {
-            y1: Compute::new(gpu, "shared/light/light_subpath", &from_light),
-            y2: Compute::new(gpu, "shared/light/light_subpath", flags),
+            y1: Compute::new(gpu, "shared/light/light_subpath", &[y1, &[Flag::Y1]].concat()),
+            y2: Compute::new(gpu, "shared/light/light_subpath", y2),
         }
     }
 

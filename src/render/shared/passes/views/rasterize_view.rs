@@ -23,6 +23,8 @@ pub struct RasterizeView {
     setup: Compute,
     lists: Compute,
     depth_maps: Option<Compute>,
+    /// Random bits of the iteration, which depth maps decide with at blended surfaces.
+    noise: Option<wgpu::Buffer>,
 }
 
 impl RasterizeView {
@@ -36,13 +38,21 @@ impl RasterizeView {
             lists: Compute::new(gpu, "shared/views/view_lists", flags),
             depth_maps: depth_maps
                 .then(|| Compute::new(gpu, "shared/views/depth_maps", &[surface, &[Flag::Fast]].concat())),
+            noise: (depth_maps && surface.contains(&Flag::Masks)).then(|| gpu.uniform::<u32>("noise")),
+        }
+    }
+
+    /// Writes the random bits of an iteration.
+    pub fn write_noise(&self, gpu: &Gpu, noise: u32) {
+        if let Some(buffer) = &self.noise {
+            gpu.queue.write_buffer(buffer, 0, bytemuck::bytes_of(&noise));
         }
     }
 
     /// Records the passes for one view.
     pub fn record(&self, recording: &mut Recording, view: &ViewBuffers, scratch: &ViewScratch) {
         view.reset(&mut recording.encoder, scratch);
-        let inputs = [
+        let mut inputs = vec![
             ("view", view.view.as_entire_binding()),
             ("projected_triangles", view.projected_triangles.as_entire_binding()),
             ("items", scratch.items.as_entire_binding()),
@@ -50,6 +60,7 @@ impl RasterizeView {
             ("lists", view.listed_in(scratch).as_entire_binding()),
             ("map", view.lists.as_entire_binding()),
         ];
+        inputs.extend(self.noise.iter().map(|noise| ("noise", noise.as_entire_binding())));
         let triangles = recording.scene.triangles;
         recording.run(&self.setup, rows(triangles), &[&inputs]);
         recording.run(&self.lists, [64 * triangles.clamp(1, GROUPS), 1], &[&inputs]);

@@ -1,0 +1,257 @@
+//! A deep raster of the scene, once per pose: a grid of triangle lists that answers rays in any direction
+//! (shaders/visibility/grid.wesl; docs/method.md, section 4).
+//!
+//! Triangles are counted in the cells that they touch; cells with many are divided; triangles are counted in
+//! sub-cells; lists are reserved, each exactly as long as it needs to be, and written. Two totals are read
+//! back between the steps, since they are the sizes of buffers.
+
+use glam::Vec3;
+
+use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back, rows};
+use crate::render::layouts;
+use crate::render::visibility::tracer::TracedScene;
+use crate::render::visibility::view::capacity_for;
+
+/// Share of the box's longest side by which the box is enlarged.
+const MARGIN: f32 = 1e-3;
+
+/// Triangles of a cell that is not divided.
+const LISTED: u32 = 12;
+
+/// Words that entries of lists can be addressed with.
+const MOST_WORDS: u64 = 1 << 26;
+
+/// The grid on the device.
+pub struct Grid {
+    passes: Passes,
+    grid: wgpu::Buffer,
+    /// One uniform for each axis along which distances are found.
+    axes: [wgpu::Buffer; 3],
+    words: wgpu::Buffer,
+    triangles: wgpu::Buffer,
+    counts: wgpu::Buffer,
+    distances: [wgpu::Buffer; 2],
+    /// Sub-cells, and entries of lists.
+    totals: wgpu::Buffer,
+}
+
+/// Cells along the longest side, and most triangles of a cell that is not divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GridShape {
+    /// Cells along the longest side of the scene's box.
+    pub cells: u32,
+    /// Most triangles of a cell that is not divided.
+    pub listed: u32,
+}
+
+impl GridShape {
+    /// Returns the shape for a number of triangles.
+    #[must_use]
+    pub fn new(triangles: u32) -> Self {
+        // On a surface of n^2 cells there are about triangles / n^2 in each.
+        let cells = 4.0 * f64::from(triangles.max(1)).powf(0.25);
+        Self { cells: (cells as u32).clamp(8, 64), listed: LISTED }
+    }
+}
+
+/// Commands of one submission over the scene's triangles.
+struct Recording<'a> {
+    gpu: &'a Gpu,
+    scene: &'a TracedScene<'a>,
+    encoder: wgpu::CommandEncoder,
+}
+
+impl<'a> Recording<'a> {
+    fn new(gpu: &'a Gpu, scene: &'a TracedScene<'a>, label: &str) -> Self {
+        let encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) });
+        Self { gpu, scene, encoder }
+    }
+
+    /// Replaces a buffer that is shorter than a number of words by one with room for an eighth more, since the
+    /// next pose may need more; the first `kept` words stay.
+    fn lengthen(&mut self, buffer: &mut wgpu::Buffer, name: &str, words: u64, kept: u64) {
+        if buffer.size() >= 4 * words {
+            return;
+        }
+        let longer = self.gpu.storage(name, (4 * capacity_for(words)).min(self.gpu.capabilities.max_storage_bytes));
+        if kept > 0 {
+            self.encoder.copy_buffer_to_buffer(buffer, 0, &longer, 0, 4 * kept);
+        }
+        *buffer = longer;
+    }
+
+    fn run(&mut self, pass: &Compute, threads: [u32; 2], inputs: &[Binding]) {
+        let bindings = [self.scene.bindings.as_slice(), inputs].concat();
+        pass.record(self.gpu, &mut self.encoder, threads, &bindings);
+    }
+
+    fn submit(self) {
+        self.gpu.queue.submit([self.encoder.finish()]);
+    }
+}
+
+/// The passes that build a grid.
+struct Passes {
+    count_cells: Compute,
+    divide: Compute,
+    count_lists: Compute,
+    reserve: Compute,
+    mark: Compute,
+    write: Compute,
+    distances: Compute,
+}
+
+impl Passes {
+    fn new(gpu: &Gpu) -> Self {
+        let triangles = |flags: &[Flag]| Compute::new(gpu, "visibility/grid_build/grid_triangles", flags);
+        let cells = |flags: &[Flag]| Compute::new(gpu, "visibility/grid_build/grid_cells", flags);
+        Self {
+            count_cells: triangles(&[Flag::Cells]),
+            divide: cells(&[Flag::Cells]),
+            count_lists: triangles(&[]),
+            reserve: cells(&[]),
+            mark: cells(&[Flag::Lists]),
+            write: triangles(&[Flag::Lists]),
+            distances: Compute::new(gpu, "visibility/grid_build/grid_distances", &[]),
+        }
+    }
+}
+
+impl Grid {
+    /// Rasterizes the scene in its pose.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] if the device fails or cannot bind the lists.
+    pub fn new(gpu: &Gpu, scene: &TracedScene) -> Result<Self, GpuError> {
+        let axis = |axis: u32| {
+            let uniform = gpu.uniform::<layouts::Axis>("along");
+            gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&layouts::Axis { axis, ..Default::default() }));
+            uniform
+        };
+        let none = |name| gpu.storage(name, 0);
+        let mut this = Self {
+            passes: Passes::new(gpu),
+            grid: gpu.uniform::<layouts::Grid>("grid"),
+            axes: [0, 1, 2].map(axis),
+            words: none("grid_words"),
+            triangles: none("ray_triangles"),
+            counts: none("counts"),
+            distances: [none("distances"), none("distances")],
+            totals: gpu.storage("totals", 16),
+        };
+        this.rebuild(gpu, scene)?;
+        Ok(this)
+    }
+
+    /// Rasterizes the scene in another pose. Buffers are kept where they are long enough.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene) -> Result<(), GpuError> {
+        let mut grid = frame_of(scene, GridShape::new(scene.triangles));
+        let cells = u64::from(grid.size[0]) * u64::from(grid.size[1]) * u64::from(grid.size[2]);
+        let all_triangles = rows(scene.triangles);
+        let all_cells = rows(cells as u32);
+        let write = |grid: &layouts::Grid, to: &wgpu::Buffer| gpu.queue.write_buffer(to, 0, bytemuck::bytes_of(grid));
+        write(&grid, &self.grid);
+
+        let mut recording = Recording::new(gpu, scene, "grid: cells");
+        recording.lengthen(&mut self.triangles, "ray_triangles", 12 * u64::from(scene.triangles), 0);
+        recording.lengthen(&mut self.counts, "counts", cells, 0);
+        recording.lengthen(&mut self.words, "grid_words", cells, 0);
+        self.distances.iter_mut().for_each(|buffer| recording.lengthen(buffer, "distances", cells, 0));
+        recording.encoder.clear_buffer(&self.counts, 0, None);
+        recording.encoder.clear_buffer(&self.totals, 0, None);
+        recording.run(&self.passes.count_cells, all_triangles, &self.inputs());
+        recording.run(&self.passes.divide, all_cells, &self.inputs());
+        recording.submit();
+        let sub_cells = u64::from(read_back::<u32>(gpu, &self.totals, 1)?[0]);
+        let lists = cells + sub_cells;
+        check(gpu, lists)?;
+        grid.lists = lists as u32;
+        write(&grid, &self.grid);
+
+        let mut recording = Recording::new(gpu, scene, "grid: sub-cells");
+        recording.lengthen(&mut self.counts, "counts", lists, cells);
+        recording.lengthen(&mut self.words, "grid_words", lists, cells);
+        if sub_cells > 0 {
+            recording.run(&self.passes.count_lists, all_triangles, &self.inputs());
+        }
+        recording.run(&self.passes.reserve, rows(lists as u32), &self.inputs());
+        recording.submit();
+        let entries = u64::from(read_back::<u32>(gpu, &self.totals, 2)?[1]);
+        check(gpu, lists + entries)?;
+
+        let mut recording = Recording::new(gpu, scene, "grid: lists");
+        recording.lengthen(&mut self.words, "grid_words", lists + entries, lists);
+        // Triangles are added to entries that hold nothing but the mark of a list's end.
+        recording.encoder.clear_buffer(&self.words, 4 * lists, None);
+        recording.run(&self.passes.mark, rows(lists as u32), &self.inputs());
+        recording.run(&self.passes.write, all_triangles, &self.inputs());
+        for (axis, along) in self.axes.iter().enumerate() {
+            let [before, after] = if axis == 1 { [0, 1] } else { [1, 0] }.map(|i: usize| &self.distances[i]);
+            let of_axis = [bind("along", along), bind("before", before), bind("after", after)];
+            recording.run(&self.passes.distances, all_cells, &[self.inputs().as_slice(), &of_axis].concat());
+        }
+        recording.submit();
+        let size = grid.size;
+        log::debug!("grid: {size:?} cells, {sub_cells} sub-cells, {entries} entries of {} triangles", scene.triangles);
+        Ok(())
+    }
+
+    /// Returns the bindings of the passes that build the grid.
+    fn inputs(&self) -> Vec<Binding<'_>> {
+        let own = [bind("counts", &self.counts), bind("totals", &self.totals)];
+        [self.bindings().as_slice(), &own].concat()
+    }
+
+    /// Returns the bindings of shaders/visibility/grid.wesl.
+    #[must_use]
+    pub fn bindings(&self) -> [Binding<'_>; 3] {
+        [bind("grid", &self.grid), bind("grid_words", &self.words), bind("ray_triangles", &self.triangles)]
+    }
+
+    /// Returns the bytes of the buffers.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        let Self { words, triangles, counts, distances: [before, after], .. } = self;
+        [words, triangles, counts, before, after].map(wgpu::Buffer::size).iter().sum()
+    }
+}
+
+fn bind<'a>(name: &'a str, buffer: &'a wgpu::Buffer) -> Binding<'a> {
+    (name, buffer.as_entire_binding())
+}
+
+/// Checks that words can be bound and addressed.
+fn check(gpu: &Gpu, words: u64) -> Result<(), GpuError> {
+    let limit = (gpu.capabilities.max_storage_bytes / 4).min(MOST_WORDS);
+    if words <= limit {
+        return Ok(());
+    }
+    Err(GpuError::Device(format!(
+        "the grid of the scene's triangles needs {words} words; the adapter's limit is {limit}; simplify the scene, or use \
+         --visibility ray-query or bvh"
+    )))
+}
+
+/// Returns the box and its division into cubes.
+fn frame_of(scene: &TracedScene, shape: GridShape) -> layouts::Grid {
+    let [low, high] = scene.bounds;
+    let extent = (high - low).max(Vec3::ZERO);
+    let size = low.abs().max(high.abs()).max_element();
+    // Coordinates are not finer than their rounding.
+    let longest = extent.max_element().max(size * 1e-6).max(1e-30);
+    let margin = longest * MARGIN;
+    let (low, extent) = (low - margin, extent + 2.0 * margin);
+    let scale = shape.cells as f32 / (longest + 2.0 * margin);
+    let cells = (extent * scale).ceil().clamp(Vec3::ONE, Vec3::splat(shape.cells as f32));
+    layouts::Grid {
+        low: low.to_array(),
+        scale,
+        size: cells.as_uvec3().to_array(),
+        listed: shape.listed,
+        triangles: scene.triangles,
+        ..Default::default()
+    }
+}
