@@ -32,7 +32,7 @@
 //! | [`mod@reference`] | the CPU path tracer, which shares only scene and film with the renderers |
 //! | [`staging`] | the camera and the light that a file leaves out |
 //! | [`render::upload`], [`render::lights`] | the scene on the device; light tables and trees |
-//! | [`render::visibility`], [`render::denoise`] | lists, depth maps, and what rays are traced through; few samples |
+//! | [`render::visibility`], [`render::denoise`] | lists, depth maps, what rays are traced through; few samples |
 //! | [`render::shared`], [`render::subpaths`] | the estimators: shared subpaths; paths and BDPT per pixel |
 //! | [`render::open`] | the one door to both |
 //! | [`mod@bench`], [`stress`], `viewer`, the command line | programs |
@@ -59,15 +59,16 @@
 //! | z1 | rasterizing from the camera, or rays | gbuffer, eye_vertices |
 //! | y0 | choosing a light by power and contribution | light_point, light_importance |
 //! | y1, y2: VPLs | directions from y0, by its reflective shadow map, and from y1 | rsm, light_subpath |
-//! | z2, z3, ... | the nearest triangle along a ray-bundle, or along a direction of the pixel's own | extend |
+//! | z2, z3, ... | the nearest triangle along a ray-bundle, or a direction of the pixel's own | extend |
 //!
 //! Views hold, per texel, a list of every triangle that touches it: ray-bundles are parallel, maps around
 //! light vertices have six faces (view_setup, view_lists). The exact ray is intersected with the list, so
-//! visibility does not depend on the resolution. Where that is cheaper, and for mirrors, glass and gloss, rays are
-//! marched through a grid of such lists instead, which is rasterized once per pose ([`render::visibility`]). Each z is connected with each y (connect, light_candidates,
-//! light_reservoirs), hits on emitters are added, and every path is weighted against all other strategies
-//! that could have made it (multiple importance sampling). accumulate adds the iteration to the film;
-//! interleaved iterations go to layers that [`render::denoise`] turns into a picture.
+//! visibility does not depend on the resolution. Where that is cheaper, and for mirrors, glass and gloss,
+//! rays are marched through a grid of such lists instead, which is rasterized once per pose
+//! ([`render::visibility`]). Each z is connected with each y (connect, light_candidates, light_reservoirs),
+//! hits on emitters are added, and every path is weighted against all other strategies that could have made
+//! it (multiple importance sampling). accumulate adds the iteration to the film; interleaved iterations go
+//! to layers that [`render::denoise`] turns into a picture.
 //!
 //! # Glossary
 //!
