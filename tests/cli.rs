@@ -208,6 +208,7 @@ fn bad_values_are_named() {
     bad(&["--aperture", "-1"], "--aperture -1");
     bad(&["--focus", "2"], "--focus: the camera is a pinhole");
     bad(&["--aperture", "0.1"], "--aperture: the camera is a pinhole");
+    bad(&["--method", "ray-query", "--visibility", "bvh"], "leave one of them out");
     bad(&["--method", "reference", "--strategies", "vpl"], "is an option of raster");
     bad(&["--method", "ray-query", "--vpl-resolution", "64"], "is an option of raster, not of ray-query");
     bad(&["--method", "reference", "--beta", "2"], "is an option of raster, twin, ray-query and path");

@@ -85,7 +85,7 @@ pub fn run() -> ExitCode {
         log::set_max_level(level);
     }
     let parsed = Cli::command().try_get_matches().and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, matches)));
-    let parsed = parsed.and_then(|(cli, matches)| check_twin(&matches).map(|()| (cli, matches)));
+    let parsed = parsed.and_then(|(cli, matches)| check_short_names(&matches).map(|()| (cli, matches)));
     let (cli, matches) = match parsed {
         Ok(parsed) => parsed,
         Err(e) => {
@@ -115,14 +115,17 @@ pub fn run() -> ExitCode {
     })
 }
 
-/// Rejects `--method twin` with another visibility than ray queries.
-fn check_twin(matches: &ArgMatches) -> Result<(), clap::Error> {
+/// Rejects short names of methods with ray queries together with another visibility.
+fn check_short_names(matches: &ArgMatches) -> Result<(), clap::Error> {
     let Some((_, matches)) = matches.subcommand() else { return Ok(()) };
     let method = matches.try_get_raw("method").ok().flatten().and_then(|mut words| words.next());
     let visibility = matches.try_get_one::<Visibility>("visibility").ok().flatten();
-    if method.is_some_and(|method| method == "twin") && visibility.is_some_and(|v| *v != Visibility::RayQuery) {
-        let text = "--method twin is --method shared --visibility ray-query; leave one of them out\n";
-        return Err(clap::Error::raw(clap::error::ErrorKind::ArgumentConflict, text));
+    for (name, technique) in Technique::NAMED.iter().filter(|(_, technique)| technique.needs_ray_queries()) {
+        if method.is_some_and(|method| method == *name) && visibility.is_some_and(|v| *v != Visibility::RayQuery) {
+            let method = technique.method;
+            let text = format!("--method {name} is --method {method} --visibility ray-query; leave one of them out\n");
+            return Err(clap::Error::raw(clap::error::ErrorKind::ArgumentConflict, text));
+        }
     }
     Ok(())
 }

@@ -100,6 +100,7 @@ impl Frame {
             y1_random: sampler.get2(Decision::Y1),
             y2_random: sampler.get2(Decision::Y2),
             noise: sampler.bits(),
+            number: self.number_of(iteration.number, class) as u32,
             ..*uniform
         };
         let class = class as usize;
@@ -200,9 +201,14 @@ impl Frame {
     /// sequences over time.
     fn random_numbers_of(&self, iteration: u64, class: u32) -> u64 {
         let classes = u64::from(self.plan.grid.subpaths());
-        let repeats = self.denoiser.as_ref().and_then(Denoiser::repeated) == Some(class);
-        let iteration = if repeats { iteration.saturating_sub(1) } else { iteration };
+        let iteration = self.number_of(iteration, class);
         iteration * classes + (u64::from(class) + iteration) % classes
+    }
+
+    /// Returns the iteration whose random numbers a class takes: the last one for the class that repeats it.
+    fn number_of(&self, iteration: u64, class: u32) -> u64 {
+        let repeats = self.denoiser.as_ref().and_then(Denoiser::repeated) == Some(class);
+        if repeats { iteration.saturating_sub(1) } else { iteration }
     }
 
     /// Denoises the last iteration's layers to a picture, if iterations are denoised.

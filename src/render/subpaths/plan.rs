@@ -10,7 +10,7 @@ use crate::render::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::render::planned_pass::PlannedPass;
 use crate::render::visibility::tracer::Tracing;
 use crate::scene::{Light, Scene, SceneStats};
-use crate::settings::{LightSampling, Method, Settings, UNLIMITED, Visibility};
+use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
 
 /// Bounces of unlimited paths, which Russian roulette ends much earlier.
 const ENDLESS: u32 = 1 << 24;
@@ -45,6 +45,7 @@ impl PathPlan {
     pub fn new(scene: &Scene, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
         let bidirectional = settings.method() == Method::Bdpt;
         let light_sampling = light_sampling(scene, stats, settings);
+        let tracing = Tracing::of(settings.visibility());
         let bounces = if settings.bounces == UNLIMITED { ENDLESS } else { settings.bounces };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         // The last light vertex is connected with the camera alone, and not stored.
@@ -55,23 +56,14 @@ impl PathPlan {
         let vertex_bytes = group * per_pixel;
         Self {
             passes: passes(stats, settings, light_sampling, runs),
-            tracing: tracing_of(settings),
-            flags: [flags(scene, stats, settings, light_sampling).as_slice(), tracing_of(settings).flags()].concat(),
+            tracing,
+            flags: [flags(scene, stats, settings, light_sampling).as_slice(), tracing.flags()].concat(),
             bounces,
             light_sampling,
             group: group as u32,
             vertex_bytes,
             bytes: pixel_bytes(settings, light_sampling) + vertex_bytes,
         }
-    }
-}
-
-/// Returns the algorithm that traces rays.
-fn tracing_of(settings: &Settings) -> Tracing {
-    match settings.visibility() {
-        Visibility::RayQuery => Tracing::RayQuery,
-        Visibility::Bvh => Tracing::Bvh,
-        Visibility::Exact | Visibility::Fast => Tracing::Grid,
     }
 }
 

@@ -35,23 +35,11 @@ pub struct Grid {
     totals: wgpu::Buffer,
 }
 
-/// Cells along the longest side, and most triangles of a cell that is not divided.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GridShape {
-    /// Cells along the longest side of the scene's box.
-    pub cells: u32,
-    /// Most triangles of a cell that is not divided.
-    pub listed: u32,
-}
-
-impl GridShape {
-    /// Returns the shape for a number of triangles.
-    #[must_use]
-    pub fn new(triangles: u32) -> Self {
-        // On a surface of n^2 cells there are about triangles / n^2 in each.
-        let cells = 4.0 * f64::from(triangles.max(1)).powf(0.25);
-        Self { cells: (cells as u32).clamp(8, 64), listed: LISTED }
-    }
+/// Returns the cells along the longest side of the box of a number of triangles.
+fn cells_along(triangles: u32) -> u32 {
+    // On a surface of n^2 cells there are about triangles / n^2 in each.
+    let cells = 4.0 * f64::from(triangles.max(1)).powf(0.25);
+    (cells as u32).clamp(8, 64)
 }
 
 /// Commands of one submission over the scene's triangles.
@@ -148,7 +136,7 @@ impl Grid {
     /// # Errors
     /// As [`Self::new`].
     pub fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene) -> Result<(), GpuError> {
-        let mut grid = frame_of(scene, GridShape::new(scene.triangles));
+        let mut grid = frame_of(scene);
         let cells = u64::from(grid.size[0]) * u64::from(grid.size[1]) * u64::from(grid.size[2]);
         let all_triangles = rows(scene.triangles);
         let all_cells = rows(cells as u32);
@@ -236,7 +224,8 @@ fn check(gpu: &Gpu, words: u64) -> Result<(), GpuError> {
 }
 
 /// Returns the box and its division into cubes.
-fn frame_of(scene: &TracedScene, shape: GridShape) -> layouts::Grid {
+fn frame_of(scene: &TracedScene) -> layouts::Grid {
+    let longest_side = cells_along(scene.triangles) as f32;
     let [low, high] = scene.bounds;
     let extent = (high - low).max(Vec3::ZERO);
     let size = low.abs().max(high.abs()).max_element();
@@ -244,13 +233,13 @@ fn frame_of(scene: &TracedScene, shape: GridShape) -> layouts::Grid {
     let longest = extent.max_element().max(size * 1e-6).max(1e-30);
     let margin = longest * MARGIN;
     let (low, extent) = (low - margin, extent + 2.0 * margin);
-    let scale = shape.cells as f32 / (longest + 2.0 * margin);
-    let cells = (extent * scale).ceil().clamp(Vec3::ONE, Vec3::splat(shape.cells as f32));
+    let scale = longest_side / (longest + 2.0 * margin);
+    let cells = (extent * scale).ceil().clamp(Vec3::ONE, Vec3::splat(longest_side));
     layouts::Grid {
         low: low.to_array(),
         scale,
         size: cells.as_uvec3().to_array(),
-        listed: shape.listed,
+        listed: LISTED,
         triangles: scene.triangles,
         ..Default::default()
     }

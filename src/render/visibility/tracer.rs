@@ -7,6 +7,7 @@ use crate::render::visibility::acceleration::Acceleration;
 use crate::render::visibility::bvh::Bvh;
 use crate::render::visibility::grid::Grid;
 use crate::scene::{Geometry, Scene};
+use crate::settings::Visibility;
 
 /// The algorithms that trace rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -21,6 +22,17 @@ pub enum Tracing {
 }
 
 impl Tracing {
+    /// Returns the algorithm for rays with a visibility; depth maps do not answer rays, and leave them to a
+    /// grid.
+    #[must_use]
+    pub fn of(visibility: Visibility) -> Self {
+        match visibility {
+            Visibility::RayQuery => Self::RayQuery,
+            Visibility::Bvh => Self::Bvh,
+            Visibility::Exact | Visibility::Fast => Self::Grid,
+        }
+    }
+
     /// Returns the flags of shaders that trace rays.
     #[must_use]
     pub fn flags(self) -> &'static [Flag] {

@@ -73,23 +73,22 @@ impl FramePlan {
         }
         (_, self.ray_views, self.cost) = best;
         self.traces_camera = self.ray_views != RayViews::default();
-        (self.tracing, self.rays_reason) = match visibility {
-            Visibility::RayQuery => (Some(Tracing::RayQuery), "ray queries of the device, as asked for".to_owned()),
-            Visibility::Bvh => (Some(Tracing::Bvh), "a bounding volume hierarchy, as asked for".to_owned()),
-            Visibility::Fast => (None, "none: depth maps and lists".to_owned()),
-            Visibility::Exact if self.ray_views == RayViews::default() => {
-                let why = if from == VisibilityFrom::Lists { "as asked for" } else { "by the model" };
-                (None, format!("none: lists made in each iteration are cheaper, {why}"))
+        let why = |asked: VisibilityFrom| if from == asked { "as asked for" } else { "by the model" };
+        self.rays_reason = match visibility {
+            Visibility::RayQuery => "ray queries of the device, as asked for".to_owned(),
+            Visibility::Bvh => "a bounding volume hierarchy, as asked for".to_owned(),
+            Visibility::Fast => "none: depth maps and lists".to_owned(),
+            Visibility::Exact if self.traces_camera => {
+                format!("a grid made once is cheaper for {}, {}", self.ray_views, why(VisibilityFrom::Grid))
             }
             Visibility::Exact => {
-                let why = if from == VisibilityFrom::Grid { "as asked for" } else { "by the model" };
-                let text = format!("a grid made once is cheaper for {}, {why}", self.ray_views);
-                (Some(Tracing::Grid), text)
+                format!("none: lists made in each iteration are cheaper, {}", why(VisibilityFrom::Lists))
             }
         };
         if matches!(visibility, Visibility::RayQuery | Visibility::Bvh) {
             self.ray_views = RayViews::ALL;
         }
+        self.tracing = (self.ray_views != RayViews::default()).then(|| Tracing::of(visibility));
     }
 }
 

@@ -1,7 +1,7 @@
 //! eye_vertices: z1 of every pixel, exactly, and the emission that the camera sees: strategies (0, 2).
 //!
-//! Reads: the G-buffer, unless rays find the triangles, and the converged tiles. Writes: the eye vertices, the iteration's image, and the
-//! guides of the denoiser.
+//! Reads: the G-buffer, unless rays find the triangles, and the converged tiles. Writes: the eye vertices, the
+//! iteration's image, and the guides of the denoiser.
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::recording::Recording;
@@ -17,7 +17,8 @@ impl EyeVertices {
         Self(Compute::new(gpu, "shared/camera/eye_vertices", flags))
     }
 
-    /// Records the pass. `gbuffer` is None if rays find the triangles. `guides` are those of a frame that is denoised.
+    /// Records the pass. `gbuffer` is None if rays find the triangles. `guides` are those of a frame that is
+    /// denoised.
     pub fn record(
         &self,
         recording: &mut Recording,
