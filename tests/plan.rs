@@ -103,6 +103,7 @@ fn without_light_only_the_camera_looks() {
         ("depth_maps", 0),
         ("rsm", 0),
         ("light_subpath", 0),
+        ("caustics", 0),
         ("gbuffer", 1),
         ("eye_vertices", 1),
         ("list_lengths", 0),
@@ -156,7 +157,7 @@ fn a_point_light_by_number_of_bounces() {
 #[test]
 fn two_bounces_have_six_connections_under_mis() {
     let plan = plan(&one_light(), &bounces(2));
-    let c = |s, j, samples| Connection { s, j, samples, clamped: false };
+    let c = |s, j, samples| Connection { s, j, samples, narrow_only: false, clamped: false };
     let direct = [0, 1, 0, 0];
     let once = [0, 1, 1, 0];
     let twice = [0, 1, 1, 1];
@@ -438,8 +439,15 @@ fn flags_follow_the_scene() {
     assert_eq!(flags(&SceneStats { vertex_colors: true, ..one_light() }), [Flag::VertexColors]);
     let glossy = SceneStats { glossy_triangles: 1, ..one_light() };
     assert_eq!(flags(&glossy), [Flag::Glossy, Flag::Specular]);
-    let clear = SceneStats { transmits: true, smooth: true, ..glossy.clone() };
-    assert_eq!(flags(&clear), [Flag::Glossy, Flag::Specular, Flag::Transmission]);
+    let clear = SceneStats { transmits: true, smooth_share: 1.0, ..glossy.clone() };
+    assert_eq!(flags(&clear), [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Caustics]);
+    // A few smooth texels are not worth light paths, and those of a strategy alone are not splatted.
+    let speckled = SceneStats { smooth_share: 0.01, ..clear.clone() };
+    assert_eq!(flags(&speckled), [Flag::Glossy, Flag::Specular, Flag::Transmission]);
+    let only = |s, t| Settings { only: Some(OnlyStrategy { s, t, weighted: true }), ..bounces(2) };
+    let traced = |settings: Settings| runs(&plan(&clear, &settings), "caustics");
+    assert_eq!([bounces(2), only(0, 4), only(4, 1)].map(traced), [1, 0, 1]);
+    assert_eq!(runs(&plan(&clear, &bounces(0)), "caustics"), 0);
     // Neither the roughness clamp nor depth maps leave room for directions of a pixel's own.
     let clamped = Settings { clamp_samples: Some(16.0), ..bounces(2) };
     let fast = Settings { technique: Technique::FAST, ..bounces(2) };

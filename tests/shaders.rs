@@ -19,6 +19,7 @@ const LIGHT_RESERVOIRS: &str = "shared/light/light_reservoirs";
 const EYE_PATHS: &str = "subpaths/eye_paths";
 const LIGHT_PATHS: &str = "subpaths/light_paths";
 const RESERVOIRS: &str = "subpaths/reservoirs";
+const CAUSTICS: &str = "shared/light/caustics";
 
 /// Returns the text of a module, as it lies in the repository.
 fn text(name: &str) -> String {
@@ -114,7 +115,7 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
 
 /// True if a pass follows mirrors and glass.
 fn follows_mirrors(pass: &str) -> bool {
-    [EYE_PATHS, LIGHT_PATHS, RESERVOIRS, "mis_sums", "draws"].contains(&pass)
+    [EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS, "mis_sums", "draws"].contains(&pass)
 }
 
 /// Every run of the tests links the sets with at most three flags on, and those with at most two off. A
@@ -123,6 +124,9 @@ fn follows_mirrors(pass: &str) -> bool {
 /// on in the latter.
 const FEW_ON: u32 = 3;
 const FEW_OFF: u32 = 2;
+
+/// Passes with code for caustics where mirrors are not followed.
+const HAS_CAUSTICS: [&str; 2] = ["shared/camera/eye_vertices", "shared/film/accumulate"];
 
 /// Passes that query views around light vertices, which may be infinite.
 const QUERIES_LIGHTS: [&str; 4] = [CONNECT, LIGHT_CANDIDATES, LIGHT_RESERVOIRS, "queries"];
@@ -138,6 +142,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .copied()
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
+        .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
         .filter(|f| !TRACERS.contains(f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
@@ -188,7 +193,8 @@ fn queries_rays(pass: &str, set: &[Flag]) -> bool {
 
 /// True if a pass traces rays.
 fn traces_rays(pass: &str, set: &[Flag]) -> bool {
-    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS].contains(&pass) || set.contains(&Flag::Rays)
+    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS].contains(&pass)
+        || set.contains(&Flag::Rays)
 }
 
 /// Returns the modules with an entry point.

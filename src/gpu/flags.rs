@@ -32,6 +32,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Light paths by way of smooth surfaces are connected to the camera.
+    Caustics = "CAUSTICS",
 
     /// Point, spot or directional lights exist.
     Punctual = "PUNCTUAL",

@@ -58,6 +58,7 @@ pub fn camera_uniform(camera: &Camera, settings: &Settings) -> layouts::FrameUni
         height: settings.height,
         camera_forward: forward.to_array(),
         beta: settings.beta(),
+        bounces: settings.bounces,
         ..Default::default()
     }
 }

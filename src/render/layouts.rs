@@ -247,8 +247,8 @@ layouts! {
         layers: u32,
         seed: u32,
         number: u32,
-        pad0: u32,
-        pad1: u32,
+        splat_scale: f32,
+        bounces: u32,
     }
 
     /// A strategy's constants.
@@ -258,6 +258,10 @@ layouts! {
         j: u32,
         clamp_distance: f32,
         clear: u32,
+        narrow_only: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// Requests and capacities of a view.
@@ -274,13 +278,11 @@ layouts! {
         number: u32,
         first: u32,
         count: u32,
-        bounces: u32,
         lens_radius: f32,
         focus: f32,
         only_s: u32,
         only_t: u32,
         unweighted: u32,
-        splat_scale: f32,
         tree_lights: u32,
         tree_share: f32,
         biased_reuse: u32,
@@ -488,10 +490,13 @@ impl Attributes {
 
 impl EyeVertex {
     /// Returns the bytes per pixel. With `demodulated` a vertex holds the part of the throughput that the
-    /// diffuse base of z1 contributes, with `transmits` the medium before it.
+    /// diffuse base of z1 contributes, with `transmits` the medium before it, with `caustics` the densities of
+    /// light paths, in one word.
     #[must_use]
-    pub fn bytes(demodulated: bool, transmits: bool) -> u64 {
-        (size_of::<Self>() + 16 * (usize::from(demodulated) + usize::from(transmits))) as u64
+    pub fn bytes(demodulated: bool, transmits: bool, caustics: bool) -> u64 {
+        // Three words of each of the others take four.
+        let alone = caustics && !demodulated && !transmits;
+        (size_of::<Self>() + 16 * [demodulated, transmits, alone].map(usize::from).iter().sum::<usize>()) as u64
     }
 }
 

@@ -1,5 +1,6 @@
 //! `path` and `ray-query` against the reference, in the mean and pixel by pixel, and against themselves.
 
+mod caustics;
 #[path = "../common/mod.rs"]
 mod common;
 mod samplers;
@@ -13,6 +14,7 @@ use glam::{Vec2, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::render::open;
 use lightsheaf::render::renderer::{RenderStats, Renderer as _};
 use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{Boundary, Light, Scene, builtin};
@@ -312,7 +314,8 @@ fn a_mirror_throws_the_light_of_a_point() {
     let scene = scenes::mirrored_light();
     let only = |s, t| Some(OnlyStrategy { s, t, weighted: true });
     let mean = |only, technique| {
-        let (film, _) = picture(gpu, &scene, &Settings { only, ..settings(technique, 64, 256, 1) });
+        let settings = Settings { only, ..settings(technique, 64, 256, 1) };
+        let film = common::picture(&mut *open(gpu, &scene, &settings).unwrap(), 256);
         film.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / film.pixels.len() as f64
     };
     let n = 64;
@@ -326,8 +329,11 @@ fn a_mirror_throws_the_light_of_a_point() {
     println!("{thrown} {expected} {without}");
     assert!((thrown / expected - 1.0).abs() < 0.005, "{thrown} is not {expected}");
     assert_eq!(without, 0.0);
-    let whole = mean(None, Technique::RAY_QUERY) - mean(None, Technique::PATH);
-    assert!((whole / expected - 1.0).abs() < 0.005, "{whole} is not {expected}");
+    let direct = mean(None, Technique::PATH);
+    for technique in [Technique::RAY_QUERY, Technique::RASTER] {
+        let whole = mean(None, technique) - direct;
+        assert!((whole / expected - 1.0).abs() < 0.005, "{technique}: {whole} is not {expected}");
+    }
 }
 
 /// The same seed gives the same bytes, splats included, for any grouping of pixels; another seed does not.

@@ -64,7 +64,8 @@ struct Bias {
 pub struct Denoiser {
     grid: Grid,
     history: u32,
-    /// Samples that a lobe should hold ([`crate::settings::Settings::clamp_samples`]).
+    /// Samples that a lobe should hold that the camera sees
+    /// ([`crate::settings::Settings::samples_per_seen_lobe`]).
     clamp_samples: f32,
     /// Frames so far.
     frame: u64,

@@ -130,6 +130,14 @@ impl LightTable {
         self
     }
 
+    /// Returns the fixed-point units of splats per unit of radiance, in a scene of a radius in metres: a power of
+    /// two, with 32 fractional bits for the mean radiance and 31 bits above it.
+    #[must_use]
+    pub fn splat_scale(&self, radius: f32) -> f32 {
+        let mean = f64::from(self.power) / (4.0 * std::f64::consts::PI.powi(2) * f64::from(radius).powi(2));
+        if mean > 0.0 && mean.is_finite() { (32.0 - mean.log2().round()).clamp(-90.0, 90.0).exp2() as f32 } else { 1.0 }
+    }
+
     /// Averages the probabilities with ones proportional to the importance of each light, in any unit.
     pub fn mix_importance(&mut self, importance: &[f32]) {
         let countable = |value: f32| if value.is_finite() { f64::from(value.max(0.0)) } else { 0.0 };

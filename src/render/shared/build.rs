@@ -9,6 +9,7 @@ use crate::render::shared::frame::Frame;
 use crate::render::shared::passes::camera::eye_vertices::EyeVertices;
 use crate::render::shared::passes::camera::gbuffer::GBuffer;
 use crate::render::shared::passes::film::accumulate::Accumulate;
+use crate::render::shared::passes::light::caustics::Caustics;
 use crate::render::shared::passes::light::light_candidates::LightCandidates;
 use crate::render::shared::passes::light::light_point::LightPoint;
 use crate::render::shared::passes::light::light_reservoirs::LightReservoirs;
@@ -43,6 +44,8 @@ pub struct Passes {
     pub rsm: Option<Rsm>,
     /// y1 and y2.
     pub light_subpath: Option<LightSubpath>,
+    /// Light paths by way of mirrors and clear glass.
+    pub caustics: Option<Caustics>,
     /// Triangles that pixels see, unless rays find them.
     pub gbuffer: Option<GBuffer>,
     /// z1.
@@ -122,7 +125,7 @@ impl Frame {
         Self {
             passes: Passes::new(gpu, scene, plan, settings, directions.is_some()),
             pixels: PixelBuffers::new(gpu, plan, bundle_pdfs),
-            denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.samples_per_lobe())),
+            denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.samples_per_seen_lobe())),
             directions,
             light_points: Vec::new(),
             rsm_of: None,
@@ -138,9 +141,10 @@ impl Frame {
     /// Returns the bytes of all buffers and targets of the frame.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let Passes { gbuffer, light_candidates, light_reservoirs, .. } = &self.passes;
+        let Passes { caustics, gbuffer, light_candidates, light_reservoirs, .. } = &self.passes;
         self.pixels.bytes()
             + self.denoiser.as_ref().map_or(0, Denoiser::bytes)
+            + caustics.as_ref().map_or(0, |caustics| caustics.splats.size())
             + gbuffer.as_ref().map_or(0, GBuffer::bytes)
             + self.views.bytes()
             + light_candidates.as_ref().map_or(0, LightCandidates::bytes)
@@ -159,6 +163,16 @@ impl Passes {
         let with = |more: &[&[Flag]]| flags.with(more);
         let clamp_distance = settings.paper_clamp * 2.0 * scene.sphere().1;
         let emitters: &[Flag] = if plan.camera_hits_emitters { &plan.light_flags } else { &[] };
+        let pixels = u64::from(width) * u64::from(height);
+        let caustics = plan.tracing.filter(|_| plan.traces_caustics).map(|tracing| {
+            let flags = with(&[&plan.light_flags, &ray_flags(tracing), plan.adaptive_flags()]);
+            let weighted = settings.only.is_none_or(|only| only.weighted);
+            let s = settings.only.map_or(0, |only| only.s);
+            let counts = [f32::from(u8::from(weighted)), 0.0, 0.0, 0.0];
+            let strategy = strategy(gpu, &layouts::Strategy { sample_counts: counts, s, ..Default::default() });
+            Caustics::new(gpu, &flags, strategy, pixels)
+        });
+        let after_light: &[Flag] = if caustics.is_some() { &[Flag::Caustics] } else { &[] };
         let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
         Self {
             light_point: (plan.light_vertices > 0).then(|| {
@@ -168,6 +182,7 @@ impl Passes {
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[&of_light, emission]))),
             light_subpath: (plan.light_vertices > 1)
                 .then(|| LightSubpath::new(gpu, &with(&[&of_light, rsm, emission]), &with(&[&of_vpl, rsm, emission]))),
+            caustics,
             gbuffer: (!plan.traces_camera).then(|| GBuffer::new(gpu, &plan.surface_flags, width, height)),
             eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags(), &of_camera])),
             connections: plan.connections.iter().map(|c| connection(gpu, plan, &flags, c, clamp_distance)).collect(),
@@ -175,7 +190,7 @@ impl Passes {
             light_reservoirs,
             extensions: plan.extensions.iter().map(|e| extension(gpu, plan, &flags, e, clamp_distance)).collect(),
             list_lengths: plan.list_lengths.then(|| ListLengths::new(gpu, &with(&[&of_bundle]))),
-            accumulate: Accumulate::new(gpu, &[plan.layer_flags(), plan.adaptive_flags()].concat()),
+            accumulate: Accumulate::new(gpu, &[plan.layer_flags(), plan.adaptive_flags(), after_light].concat()),
         }
     }
 }
@@ -195,6 +210,8 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         j: c.j,
         clear: u32::from(plan.is_clear(c)),
         clamp_distance,
+        narrow_only: u32::from(c.narrow_only),
+        ..Default::default()
     };
     let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
@@ -216,7 +233,8 @@ fn extension(
     clamp_distance: f32,
 ) -> (wgpu::Buffer, Extend) {
     let sample_counts = e.samples.map(|n| n as f32);
-    let constants = layouts::Strategy { sample_counts, s: 0, j: e.j, clear: 0, clamp_distance };
+    let narrow_only = u32::from(e.narrow_only);
+    let constants = layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, ..Default::default() };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
     let shader = flags.with(&[emitters, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
     (strategy(gpu, &constants), Extend::new(gpu, &shader, e.last))

@@ -56,8 +56,10 @@ impl PixelBuffers {
         let pixels = grid.largest();
         Self {
             classes: grid.classes().into_iter().map(|regions| regions.into_iter().map(own).collect()).collect(),
-            eye_vertices: gpu
-                .storage("eye_vertices", pixels * layouts::EyeVertex::bytes(grid.layered && glossy, transmits)),
+            eye_vertices: gpu.storage(
+                "eye_vertices",
+                pixels * layouts::EyeVertex::bytes(grid.layered && glossy, transmits, plan.caustics),
+            ),
             shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy, transmits)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),

@@ -84,6 +84,8 @@ impl Frame {
         if let Some(denoiser) = &self.denoiser {
             uniform.samples = denoiser.samples() / settings.samples_per_lobe();
         }
+        uniform.splat_scale = iteration.lights.splat_scale(scene.sphere().1);
+        self.trace_caustics(iteration, &uniform);
         for class in 0..self.plan.grid.subpaths() {
             self.trace_class(iteration, class, &uniform);
         }
@@ -91,6 +93,16 @@ impl Frame {
             self.trace_clear_light(iteration, &uniform);
         }
         self.uniform = uniform;
+    }
+
+    /// Traces light paths of their own to what mirrors and glass light up, and connects them to the camera:
+    /// strategies (s, 1).
+    fn trace_caustics(&self, iteration: &Iteration, uniform: &FrameUniform) {
+        let Some(pass) = &self.passes.caustics else { return };
+        self.pixels.write_uniform(iteration.gpu, 0, uniform);
+        let mut recording = Recording::new(iteration.gpu, iteration.scene, "caustics");
+        pass.record(&mut recording, &self.pixels.first(0), self.plan.grid.size, &self.log);
+        recording.submit();
     }
 
     /// Traces one light subpath and the eye subpaths of the pixels that share it.
@@ -193,7 +205,8 @@ impl Frame {
     fn accumulate(&self, recording: &mut Recording, band: &Band) {
         let layers = self.denoiser.as_ref().map(|denoiser| denoiser.layers(band.region));
         let layers = layers.as_ref().map_or(&[][..], |layers| layers);
-        let inputs = AccumulateInputs { requests: &self.views.requests, log: &self.log, layers };
+        let splats = self.passes.caustics.as_ref().map(|caustics| &caustics.splats);
+        let inputs = AccumulateInputs { requests: &self.views.requests, log: &self.log, splats, layers };
         self.passes.accumulate.record(recording, band, &inputs);
     }
 

@@ -17,8 +17,8 @@ use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back};
 use crate::render::adapt::adapted;
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::frame_uniform::camera_uniform;
-use crate::render::layouts;
 use crate::render::layouts::strategy::ANY;
+use crate::render::layouts::{self, FrameUniform};
 use crate::render::lights::table::{Hittable, LightTable};
 use crate::render::lights::tree::LightTree;
 use crate::render::renderer::{BatchSize, RenderError, RenderStats, Renderer, camera_of, check_size, clear, read_film};
@@ -53,11 +53,11 @@ struct Pixels {
 /// The data of a scene that is computed on the CPU.
 struct Prepared {
     geometry: Geometry,
-    camera: Camera,
     plan: PathPlan,
     table: LightTable,
     light_nodes: Option<Vec<layouts::LightNode>>,
     constants: layouts::Paths,
+    uniform: FrameUniform,
 }
 
 impl Prepared {
@@ -83,19 +83,19 @@ impl Prepared {
         let [lens_radius, focus] = lens_of(&camera);
         let constants = layouts::Paths {
             seed: settings.seed,
-            bounces: plan.bounces,
             lens_radius,
             focus,
             only_s: ANY,
             only_t: ANY,
-            splat_scale: splat_scale(table.power, geometry.sphere().1),
             tree_lights: table.finite as u32,
             tree_share: table.finite_share(),
             biased_reuse: u32::from(settings.restir_bias == RestirBias::Biased),
             memory: settings.restir_memory,
             ..Default::default()
         };
-        Ok(Self { geometry, camera, plan, table, light_nodes, constants })
+        let splat_scale = table.splat_scale(geometry.sphere().1);
+        let uniform = FrameUniform { bounces: plan.bounces, splat_scale, ..camera_uniform(&camera, settings) };
+        Ok(Self { geometry, plan, table, light_nodes, constants, uniform })
     }
 }
 
@@ -105,6 +105,7 @@ pub struct PathRenderer<'gpu> {
     scene: GpuScene,
     settings: Settings,
     constants: layouts::Paths,
+    uniform: FrameUniform,
     plan: PathPlan,
     light_paths: Option<Compute>,
     reservoirs: Option<Reservoirs>,
@@ -130,7 +131,7 @@ impl<'gpu> PathRenderer<'gpu> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let scene = &*adapted(scene, settings)?;
         let (geometry, sources) = Geometry::with_sources(scene);
-        let Prepared { geometry, camera, plan, table, light_nodes, constants } =
+        let Prepared { geometry, plan, table, light_nodes, constants, uniform } =
             Prepared::new(gpu, scene, geometry, settings)?;
         let bidirectional = settings.method() == Method::Bdpt;
         // The shaders always read the number of lights.
@@ -140,8 +141,8 @@ impl<'gpu> PathRenderer<'gpu> {
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
         gpu_scene.trace_with(gpu, plan.tracing, scene, &geometry)?;
         deformer.keep(geometry, sources);
-        let frame = gpu.uniform::<layouts::FrameUniform>("frame");
-        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&camera_uniform(&camera, settings)));
+        let frame = gpu.uniform::<FrameUniform>("frame");
+        gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&uniform));
         let light_nodes = light_nodes.map(|nodes| gpu.upload("light_nodes", &nodes));
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
@@ -166,6 +167,7 @@ impl<'gpu> PathRenderer<'gpu> {
             scene: gpu_scene,
             settings: settings.clone(),
             constants,
+            uniform,
             plan,
             deformer,
             samples: 0,
@@ -270,13 +272,13 @@ impl Renderer for PathRenderer<'_> {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
-        let Prepared { geometry, camera, table, light_nodes, constants, .. } = prepared;
+        let Prepared { geometry, table, light_nodes, constants, uniform, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, !same, &table);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         self.scene.trace_with(self.gpu, self.plan.tracing, scene, &geometry)?;
         self.deformer.keep(geometry, sources);
-        let uniform = camera_uniform(&camera, &self.settings);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
+        self.uniform = uniform;
         self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
         self.constants = constants;
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
@@ -285,7 +287,9 @@ impl Renderer for PathRenderer<'_> {
     }
 
     fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
-        let uniform = camera_uniform(camera, &self.settings);
+        let FrameUniform { bounces, splat_scale, .. } = self.uniform;
+        self.uniform = FrameUniform { bounces, splat_scale, ..camera_uniform(camera, &self.settings) };
+        let uniform = self.uniform;
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         [self.constants.lens_radius, self.constants.focus] = lens_of(camera);
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
@@ -365,11 +369,4 @@ fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError>
          or --method reference"
     );
     Err(GpuError::Device(text).into())
-}
-
-/// Returns the fixed-point units of splats per unit of radiance: a power of two, with 32 fractional bits for
-/// the scene's mean radiance and 31 bits above it.
-fn splat_scale(power: f32, radius: f32) -> f32 {
-    let mean = f64::from(power) / (4.0 * std::f64::consts::PI.powi(2) * f64::from(radius).powi(2));
-    if mean > 0.0 && mean.is_finite() { (32.0 - mean.log2().round()).clamp(-90.0, 90.0).exp2() as f32 } else { 1.0 }
 }

@@ -40,8 +40,9 @@ pub struct SceneStats {
     pub environment_map: bool,
     /// Triangles with a lobe besides the diffuse one.
     pub glossy_triangles: usize,
-    /// True if any lobe is perfectly smooth somewhere: mirrors and clear glass.
-    pub smooth: bool,
+    /// Largest share of a material's surface whose lobe is perfectly smooth, by its texels: 1 for mirrors and
+    /// clear glass.
+    pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
@@ -78,6 +79,8 @@ impl SceneStats {
         let count = |test: &dyn Fn(&crate::scene::Material) -> bool| -> usize {
             scene.materials.iter().zip(&of_material).filter(|(m, _)| test(m)).map(|(_, count)| count).sum()
         };
+        let used = scene.materials.iter().zip(&of_material).filter(|(_, count)| **count > 0);
+        let smooth_share = used.map(|(m, _)| smooth_share(m, scene)).fold(0.0, f32::max);
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let size = |i: usize| {
             let [a, b, c] = geometry.positions(i);
@@ -115,7 +118,7 @@ impl SceneStats {
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),
-            smooth: count(&|m| is_smooth(m, scene)) > 0,
+            smooth_share,
             transmits: count(&|m| m.bsdf.transmits()) > 0,
             narrow_metals: count(&is_narrow_metal) > 0,
             masked_triangles: count(&|m| m.opacity.is_some()),
@@ -168,20 +171,21 @@ fn is_narrow_metal(material: &Material) -> bool {
     }
 }
 
-/// Returns true if a material's lobe is perfectly smooth somewhere.
-fn is_smooth(material: &Material, scene: &Scene) -> bool {
-    let lowest = |width: &Scalar| {
-        let texel = width.texture.map_or(255, |(texture, channel)| {
-            let image = &scene.images[scene.textures[texture.texture].image];
-            image.texels.par_iter().map(|texel| texel[channel as usize]).min().unwrap_or(0)
-        });
-        width.factor * f32::from(texel) / 255.0
+/// Returns the share of a material's texels whose lobe is perfectly smooth.
+fn smooth_share(material: &Material, scene: &Scene) -> f32 {
+    // `width` is roughness or alpha, and `alpha` the second as a function of the first.
+    let share = |width: &Scalar, alpha: fn(f32) -> f32| {
+        let is_smooth = |texel: u8| alpha(width.factor * f32::from(texel) / 255.0) < SMOOTH;
+        let Some((texture, channel)) = width.texture else { return f32::from(u8::from(is_smooth(255))) };
+        let texels = &scene.images[scene.textures[texture.texture].image].texels;
+        let smooth = texels.par_iter().filter(|texel| is_smooth(texel[channel as usize])).count();
+        smooth as f32 / texels.len().max(1) as f32
     };
     match &material.bsdf {
-        Bsdf::Diffuse { .. } => false,
-        Bsdf::MetallicRoughness { roughness, .. } => lowest(roughness).powi(2) < SMOOTH,
+        Bsdf::Diffuse { .. } => 0.0,
+        Bsdf::MetallicRoughness { roughness, .. } => share(roughness, |roughness| roughness.powi(2)),
         Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } | Bsdf::Dielectric { alpha, .. } => {
-            lowest(alpha) < SMOOTH
+            share(alpha, |alpha| alpha)
         }
     }
 }

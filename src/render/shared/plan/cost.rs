@@ -54,13 +54,22 @@ const CONNECTION: f64 = 30.0;
 /// Nanoseconds per extension along a bundle. cornell_point: 22 ms for two.
 const EXTENSION: f64 = 42.0;
 
-/// Nanoseconds per connection by which a ray through the grid takes longer than a look-up. cornell_point: 55,
-/// `displaced_room` of 60,000 triangles: 172, Sponza: 170, living-room: 260.
-const TRACED_CONNECTION: f64 = 55.0;
+/// Nanoseconds per connection by which a ray through the grid takes longer than a look-up, 1.4 times the
+/// measurements below, since interleaved pixels lie apart. cornell_point: 55, `displaced_room` of 60,000
+/// triangles: 172, living-room: 260.
+const TRACED_CONNECTION: f64 = 77.0;
 
-/// Nanoseconds per extension by which a ray through the grid takes longer than a look-up. cornell_point: 62,
-/// `displaced_room`: 187, living-room: 230; in Sponza it takes less.
-const TRACED_EXTENSION: f64 = 62.0;
+/// Nanoseconds per extension by which a ray through the grid takes longer than a look-up, likewise.
+/// cornell_point: 62, `displaced_room`: 187, living-room: 230; in Sponza they are alike.
+const TRACED_EXTENSION: f64 = 87.0;
+
+/// Nanoseconds per connection by which a ray to infinity takes longer than a look-up, likewise. Sponza: 220,
+/// and 390 where pixels lie apart.
+const TRACED_TO_INFINITY: f64 = 105.0;
+
+/// Nanoseconds per pixel by which a ray of the camera takes longer than a pixel of the G-buffer, likewise.
+/// cornell_point: 38, `displaced_room`: 210, living-room: 340, Sponza: 520.
+const TRACED_PIXEL: f64 = 126.0;
 
 /// Relative increase of these for each doubling of triangles.
 const TRACED_DOUBLING: f64 = 0.2;
@@ -106,8 +115,12 @@ pub struct Work {
     pub extensions: u64,
     /// Connections of these that rays answer.
     pub traced_connections: u64,
+    /// Connections of these to lights, where some lights are at infinity.
+    pub traced_to_infinity: u64,
     /// Extensions of these that rays answer.
     pub traced_extensions: u64,
+    /// True if the camera's rays are traced, in place of a G-buffer.
+    pub traces_camera: bool,
     /// True if surfaces have lobes other than the diffuse one.
     pub glossy: bool,
     /// True if metals with narrow lobes exist.
@@ -142,14 +155,16 @@ impl Cost {
         let mut slower = 1.0 + DOUBLING * f64::from(doublings);
         slower *= if work.glossy { GLOSSY } else { 1.0 };
         let pixel = PIXEL + CONNECTION * count(work.connections) + EXTENSION * count(work.extensions);
-        let traced =
-            TRACED_CONNECTION * count(work.traced_connections) + TRACED_EXTENSION * count(work.traced_extensions);
+        let traced = TRACED_CONNECTION * count(work.traced_connections - work.traced_to_infinity)
+            + TRACED_TO_INFINITY * count(work.traced_to_infinity)
+            + TRACED_EXTENSION * count(work.traced_extensions)
+            + if work.traces_camera { TRACED_PIXEL } else { 0.0 };
         let traced = traced * (1.0 + TRACED_DOUBLING * f64::from(doublings));
-        let grid = if traced > 0.0 { GRID * count(work.triangles) } else { 0.0 };
+        let of_scene = if work.traces_camera { GRID } else { DRAWN };
         let filling = if work.software { FILLS_SOFTWARE } else { FILLS_GPU };
         Self {
             subpath: SUBPATH + views + taps,
-            pixels: (slower * pixel + traced) * count(work.pixels) + DRAWN * count(work.triangles) + grid,
+            pixels: (slower * pixel + traced) * count(work.pixels) + of_scene * count(work.triangles),
             fills: count(work.pixels / filling).sqrt().max(1.0) as u32,
             gains: if work.narrow_metals { LARGEST_OF_METALS } else { LARGEST },
         }
@@ -188,7 +203,9 @@ mod tests {
         connections: 6,
         extensions: 2,
         traced_connections: 0,
+        traced_to_infinity: 0,
         traced_extensions: 0,
+        traces_camera: false,
         glossy: false,
         narrow_metals: false,
         filtered: true,

@@ -52,8 +52,12 @@ impl FramePlan {
         let fills = |role: ViewRole| if role == ViewRole::Candidate(0) { other_candidates } else { 1 };
         let is_filled = |view: &PlannedView| !self.ray_views.answer(view.role) && !kept(view.role);
         let filled: Vec<_> = self.views().into_iter().filter(is_filled).collect();
-        let by_rays = |s: u32| self.ray_views.answer(ViewRole::LightVertex(s - 1));
-        let traced = self.connections.iter().filter(|c| by_rays(c.s));
+        let traced = |from_lights: bool| -> u64 {
+            let by_rays = if from_lights { self.ray_views.lights } else { self.ray_views.vpls };
+            let connections = self.connections.iter().filter(|c| by_rays && (c.s == 1) == from_lights);
+            connections.map(|c| u64::from(self.points_connected(c))).sum()
+        };
+        let traced_to_lights = traced(true) + if self.ray_views.lights { other_candidates } else { 0 };
         Work {
             // Counts that vary with the view are rounded up to an eighth, so that frames of an animation have
             // the same side.
@@ -64,9 +68,10 @@ impl FramePlan {
             connections: self.connections.iter().map(|c| u64::from(self.points_connected(c))).sum::<u64>()
                 + other_candidates,
             extensions: self.extensions.len() as u64,
-            traced_connections: traced.map(|c| u64::from(self.points_connected(c))).sum::<u64>()
-                + if self.ray_views.lights { other_candidates } else { 0 },
+            traced_connections: traced(false) + traced_to_lights,
+            traced_to_infinity: if self.light_extents.infinite { traced_to_lights } else { 0 },
             traced_extensions: if self.ray_views.bundles { self.extensions.len() as u64 } else { 0 },
+            traces_camera: self.traces_camera,
             glossy: self.glossy(),
             narrow_metals: stats.narrow_metals && !self.own_directions,
             filtered: !settings.unfiltered,

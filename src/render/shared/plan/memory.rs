@@ -4,6 +4,7 @@ use crate::film;
 use crate::gpu::Capabilities;
 use crate::render::adaptive_sampling;
 use crate::render::layouts;
+use crate::render::shared::passes::light::caustics::Caustics;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::views::PlannedView;
 use crate::render::visibility::view::{Answers, PROJECTED_TRIANGLE_BYTES, Texels};
@@ -57,7 +58,7 @@ impl FramePlan {
             if self.has_candidates() { layouts::SelectedLight::bytes(demodulated, self.reuses()) } else { 0 };
         let radiance = if layered { 48 } else { 16 };
         let per_band_pixel = selected
-            + layouts::EyeVertex::bytes(demodulated, self.transmits())
+            + layouts::EyeVertex::bytes(demodulated, self.transmits(), self.caustics)
             + layouts::Shading::bytes(self.glossy(), self.transmits())
             + radiance;
         let film = if layered { self.denoise().bytes() } else { pixels * film::DEVICE_BYTES };
@@ -65,7 +66,8 @@ impl FramePlan {
         let reservoirs = if self.reuses() { 2 * size_of::<layouts::PixelReservoir>() as u64 } else { 0 };
         // The G-buffer takes 8 bytes a pixel, with its depth.
         let gbuffer = if self.traces_camera { 0 } else { 8 };
-        let image = film + converged + pixels * (gbuffer + reservoirs) + self.grid.largest() * per_band_pixel;
+        let splats = if self.traces_caustics { Caustics::BYTES } else { 0 };
+        let image = film + converged + pixels * (gbuffer + reservoirs + splats) + self.grid.largest() * per_band_pixel;
         let view = |PlannedView { role, texels }: PlannedView| {
             let nodes = self.node_capacity(triangles, texels, limit);
             self.projected_triangles(role, triangles) * PROJECTED_TRIANGLE_BYTES

@@ -34,6 +34,10 @@ const MOST_DIRECT_LIGHTS: usize = 4;
 /// Light candidates of scenes with many lights.
 const CANDIDATES: u32 = 16;
 
+/// Least share of a material that is smooth, for light paths of its caustics. Roughness maps have a few smooth
+/// texels (Sponza), whose caustics are not worth a light path per pixel.
+const CAUSTIC_SHARE: f32 = 0.05;
+
 /// Pixels of a band: enough to fill a large device. A picture of up to two bands is one band: two took 8 %
 /// longer in cornell_point, while eight and sixteen are alike. The maps of light candidates are drawn for
 /// each band, so there bands are larger.
@@ -64,7 +68,7 @@ struct Resolutions {
 pub struct FramePlan {
     /// Passes, run or skipped, in the order in which they first run.
     pub passes: Vec<PlannedPass>,
-    /// Flags of shaders that read surfaces.
+    /// Flags of shaders that read surfaces or eye vertices.
     pub surface_flags: Vec<Flag>,
     /// Flags of shaders that sample or hit lights.
     pub light_flags: Vec<Flag>,
@@ -123,6 +127,10 @@ pub struct FramePlan {
     pub traces_camera: bool,
     /// True if glossy surfaces draw directions of their own, and paths follow mirrors and glass.
     pub own_directions: bool,
+    /// True if light paths by way of smooth surfaces are connected to the camera, in the weights of the others.
+    pub caustics: bool,
+    /// True if these light paths are traced: unless another strategy alone counts.
+    pub traces_caustics: bool,
     /// The algorithm that traces rays, if any are traced.
     pub tracing: Option<Tracing>,
     /// Node capacity at the start, as a multiple of the usual guess.
@@ -170,13 +178,17 @@ impl FramePlan {
         let reuse = (sampling == Some(LightSampling::Restir)).then_some(settings.restir_bias);
         let fast = settings.visibility() == Visibility::Fast;
         let own_directions = settings.draws_own_directions() && stats.glossy_triangles > 0;
+        let caustics = own_directions
+            && light_vertices > 1
+            && stats.smooth_share >= CAUSTIC_SHARE
+            && settings.only.is_none_or(|only| only.weighted || only.t == 1);
         let sizes = resolutions(stats, settings, fast, light_candidates > 1 || reuse.is_some());
         let starts_from_emitters = strategies.emitters && settings.strategies != Strategies::Paper;
         let hits_sky = stats.environment_map && extensions.iter().any(|e: &Extension| e.hits_emitter);
         let lights = stats.lights + usize::from(stats.environment);
         let mut plan = Self {
             passes: Vec::new(),
-            surface_flags: surface_flags(stats, own_directions),
+            surface_flags: surface_flags(stats, own_directions, caustics),
             light_flags: light_flags(stats),
             light_vertices,
             light_candidates,
@@ -202,6 +214,8 @@ impl FramePlan {
             rays_reason: String::new(),
             traces_camera: false,
             own_directions,
+            caustics,
+            traces_caustics: caustics && settings.only.is_none_or(|only| only.t == 1),
             tracing: None,
             list_room: settings.list_room,
             bounces: settings.bounces,
@@ -382,8 +396,8 @@ fn resolutions(stats: &SceneStats, settings: &Settings, fast: bool, many_maps: b
     }
 }
 
-/// Returns the flags of shaders that read surfaces.
-fn surface_flags(stats: &SceneStats, own_directions: bool) -> Vec<Flag> {
+/// Returns the flags of shaders that read surfaces or eye vertices.
+fn surface_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec<Flag> {
     chosen([
         (Flag::Textures, stats.texels > 0),
         (Flag::VertexColors, stats.vertex_colors),
@@ -391,6 +405,7 @@ fn surface_flags(stats: &SceneStats, own_directions: bool) -> Vec<Flag> {
         (Flag::Masks, stats.masked_triangles > 0),
         (Flag::Specular, own_directions),
         (Flag::Transmission, own_directions && stats.transmits),
+        (Flag::Caustics, caustics),
     ])
 }
 

@@ -54,16 +54,17 @@ impl FramePlan {
         let (visibility, from) = (settings.visibility(), settings.visibility_from);
         let possible = |views: &RayViews| match (visibility, from) {
             (Visibility::Fast, _) => *views == RayViews::default(),
-            (_, VisibilityFrom::Lists) if !self.own_directions => *views == RayViews::default(),
             (_, VisibilityFrom::Grid) => *views == RayViews::ALL,
             // Paths take directions of their own from glossy surfaces, and light passes glass on either side.
             _ if self.transmits() => *views == RayViews::ALL,
+            (_, VisibilityFrom::Lists) => *views == RayViews { bundles: self.own_directions, ..Default::default() },
             _ if self.own_directions => views.bundles,
             _ => !(self.list_lengths && views.bundles),
         };
         let mut best = (f64::INFINITY, RayViews::default(), Cost::default());
         for views in RayViews::combinations().filter(possible).collect::<Vec<_>>() {
             self.ray_views = views;
+            self.traces_camera = views != RayViews::default();
             self.cost = Cost::new(&self.work(stats, settings, capabilities));
             let (side, _) = self.choose_side(stats, settings);
             let time = self.cost.per_subpath(side);

@@ -34,6 +34,7 @@ impl FramePlan {
         rows.extend(self.light_rows(&counts));
         rows.extend(self.view_rows(&counts));
         rows.extend(self.subpath_rows(&counts));
+        rows.push(self.caustics_row(stats, settings));
         rows.extend(self.pixel_rows(&counts, settings));
         rows.extend(self.denoise().rows());
         rows
@@ -105,6 +106,18 @@ impl FramePlan {
             row("rsm", u32::from(self.rsm), rsm),
             row("light_subpath", counts.subpaths * self.light_vertices.saturating_sub(1), vpls),
         ]
+    }
+
+    fn caustics_row(&self, stats: &SceneStats, settings: &Settings) -> PlannedPass {
+        let (runs, why) = match () {
+            () if self.traces_caustics => (1, "a light path per pixel by way of mirrors and clear glass, (s, 1)"),
+            () if settings.only.is_some() => (0, "another strategy alone counts"),
+            () if !self.own_directions => (0, "paths do not follow mirrors or clear glass"),
+            () if stats.smooth_share == 0.0 => (0, "no mirrors and no clear glass"),
+            () if self.light_vertices > 1 => (0, "hardly any texel is smooth"),
+            () => (0, "the strategies have no paths that light sends out"),
+        };
+        row("caustics", runs, why)
     }
 
     fn pixel_rows(&self, counts: &Counts, settings: &Settings) -> Vec<PlannedPass> {

@@ -16,6 +16,8 @@ pub struct Connection {
     pub j: u32,
     /// Sample counts of s = 0, 1, 2, 3 in MIS for paths of this length; 0 for strategies that take no part.
     pub samples: [u32; 4],
+    /// True if only narrow lobes hit emitters in paths of this length.
+    pub narrow_only: bool,
     /// True if the geometry term is bounded (the paper's (2, 3)).
     pub clamped: bool,
 }
@@ -39,6 +41,8 @@ pub struct Extension {
     pub hits_emitter: bool,
     /// Sample counts as in [`Connection::samples`].
     pub samples: [u32; 4],
+    /// True if only narrow lobes are extended.
+    pub narrow_only: bool,
 }
 
 /// The strategies that take part.
@@ -68,7 +72,7 @@ impl<'a> StrategySet<'a> {
             (_, Strategies::Paper) => most.min(2),
             _ => most,
         };
-        let smooth = settings.draws_own_directions() && stats.smooth;
+        let smooth = settings.draws_own_directions() && stats.smooth_share > 0.0;
         Self { settings, emitters, light_vertices, light_candidates: 1, smooth }
     }
 
@@ -77,16 +81,17 @@ impl<'a> StrategySet<'a> {
         self.settings.only.is_none_or(|only| (only.s, only.t) == (s, t))
     }
 
-    /// True if paths of k bounces have no strategy s = 0. After the last of several bounces it takes a bundle
-    /// and a third of all look-ups, and light subpaths sample the same paths (docs/journal.md, "Cost of an
-    /// iteration").
-    fn without_emitter_hits(&self, k: u32) -> bool {
-        // Light that a mirror reflects is found by s = 0 alone.
-        !self.smooth
-            && k > 1
-            && k == self.settings.bounces
-            && self.light_vertices > 1
-            && self.settings.strategies == Strategies::All
+    /// True if bundles do not look for emitters in paths of k bounces. After the last of several bounces that
+    /// takes a bundle and a third of all look-ups, and light subpaths sample the same paths (docs/journal.md,
+    /// "Cost of an iteration"). Light that a mirror reflects is found by s = 0 alone, so that narrow lobes go on
+    /// by directions of their own where there are mirrors.
+    fn ends_bundles(&self, k: u32) -> bool {
+        k > 1 && k == self.settings.bounces && self.light_vertices > 1 && self.settings.strategies == Strategies::All
+    }
+
+    /// True if only narrow lobes hit emitters in paths of k bounces.
+    fn is_narrow_only(&self, k: u32) -> bool {
+        self.smooth && self.ends_bundles(k)
     }
 
     /// Returns the sample counts of s = 0, 1, 2, 3 for paths of k bounces, which have strategies s = 0 ...
@@ -96,7 +101,7 @@ impl<'a> StrategySet<'a> {
         std::array::from_fn(|i| {
             let s = i as u32;
             let takes_part = s <= most
-                && (s > 0 || self.emitters && !self.without_emitter_hits(k))
+                && (s > 0 || self.emitters && (self.smooth || !self.ends_bundles(k)))
                 && match self.settings.strategies {
                     Strategies::All | Strategies::Bundle => true,
                     Strategies::Vpl => s == most,
@@ -122,7 +127,11 @@ impl<'a> StrategySet<'a> {
         (1..=bounces + 1)
             .flat_map(|j| (1..=self.light_vertices).map(move |s| (j, s)))
             .filter(|(j, s)| s + j - 2 <= bounces)
-            .map(|(j, s)| Connection { s, j, samples: self.sample_counts(s + j - 2), clamped: paper && s + j - 2 == 2 })
+            .map(|(j, s)| {
+                let k = s + j - 2;
+                let (samples, narrow_only) = (self.sample_counts(k), self.is_narrow_only(k));
+                Connection { s, j, samples, narrow_only, clamped: paper && k == 2 }
+            })
             .filter(|c| c.samples[c.s as usize] > 0 && self.counts(c.s, c.j + 1))
             .map(|c| Connection { samples: self.unweighted(c.s, c.samples), ..c })
             .collect()
@@ -146,6 +155,7 @@ impl<'a> StrategySet<'a> {
                 last: j == bounces + 1,
                 hits_emitter: self.hits_emitter(j),
                 samples: self.unweighted(0, self.sample_counts(j - 1)),
+                narrow_only: self.hits_emitter(j) && self.is_narrow_only(j - 1),
             })
             .collect()
     }

@@ -1,7 +1,7 @@
 //! accumulate: adds the iteration's image to the film, or puts it into the layers of a frame that is
 //! denoised.
 //!
-//! Reads: the iteration's image, the requests of views and the converged tiles. Writes: the film or the
+//! Reads: the iteration's image, caustics, the requests of views and the converged tiles. Writes: the film or the
 //! layers, and the batch's log, which counts values that are not finite. Skipped when: a list overflowed in
 //! the iteration, which is then redone.
 
@@ -18,6 +18,8 @@ pub struct AccumulateInputs<'a> {
     pub requests: &'a wgpu::Buffer,
     /// The batch's log.
     pub log: &'a wgpu::Buffer,
+    /// What caustics add to each pixel, if there are any.
+    pub splats: Option<&'a wgpu::Buffer>,
     /// The layers of a frame that is denoised; empty if iterations are summed in the film.
     pub layers: &'a [Binding<'a>],
 }
@@ -33,6 +35,7 @@ impl Accumulate {
     pub fn record(&self, recording: &mut Recording, band: &Band, inputs: &AccumulateInputs) {
         let buffers = [("requests", inputs.requests.as_entire_binding()), ("log", inputs.log.as_entire_binding())];
         let film: Vec<_> = band.film.iter().map(|film| ("film", film.as_entire_binding())).collect();
-        recording.run(&self.0, band.size, &[&band.bindings(), &buffers, &film, inputs.layers]);
+        let splats: Vec<_> = inputs.splats.iter().map(|splats| ("splats", splats.as_entire_binding())).collect();
+        recording.run(&self.0, band.size, &[&band.bindings(), &buffers, &film, &splats, inputs.layers]);
     }
 }

@@ -1,5 +1,6 @@
 //! The light subpath, and the light points of direct light.
 
+pub mod caustics;
 pub mod light_candidates;
 pub mod light_importance;
 pub mod light_point;
