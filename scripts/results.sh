@@ -5,6 +5,7 @@
 # command above the table. Without BLOCK all of the first list are made; on two cores without a GPU that takes about two hours.
 #
 #   plan stress twins methods strategies sides halls resolution     by the built program
+#   study moving                                                    by the built program, into docs/study.md
 #   tests                                                           by cargo: the tests that print tables; hours
 #
 # Tables without such a mark need scenes or programs from outside; docs/results.md says from where.
@@ -14,7 +15,8 @@
 #   BUDGET       seconds for each method, scene and repeat of a benchmark (default: 20)
 #   REPEATS      repeats of a benchmark (default: 3)
 #   REFERENCE    options of `lightsheaf bench` that choose the reference, such as --reference-method ray-query
-#   OUT          the page that is rewritten (default: docs/results.md)
+#   TEXTURED     a scene with textures for the study, such as PATH/Sponza.gltf (default: none)
+#   OUT          the page that is rewritten (default: docs/results.md; docs/study.md for study and moving)
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -38,6 +40,18 @@ variants() {
     chosen=(--methods raster)
     for variant in "$@"; do chosen+=(--variant "${variant%%=*}=--method raster ${variant#*=}"); done
 }
+
+# Every estimator with every visibility: NAME=OPTIONS.
+everything=()
+for visibility in "lists=exact --visibility-from lists" "grid=exact --visibility-from grid" "depth maps=fast" "BVH=bvh" \
+    "ray queries=ray-query"; do
+    everything+=("shared, ${visibility%%=*}=--method shared --visibility ${visibility#*=}")
+done
+for method in bdpt path; do
+    for visibility in "grid=exact" "BVH=bvh" "ray queries=ray-query"; do
+        everything+=("$method, ${visibility%%=*}=--method $method --visibility ${visibility#*=}")
+    done
+done
 
 # The device, as the program names it.
 "$lightsheaf" stress --short --json "one pixel" >"$work/device.json"
@@ -93,6 +107,21 @@ for block in "$@"; do
             variants "${sized[@]}"
             bench builtin:cornell_point builtin:displaced_room:60000 "${chosen[@]}"
             ;;
+        study)
+            scenes=(builtin:cornell_area ${TEXTURED:+"$TEXTURED"} builtin:cornell_glossy builtin:cornell_spheres builtin:emitter_hall:10000)
+            chosen=()
+            for one in "${everything[@]}"; do chosen+=(--variant "$one"); done
+            bench "${scenes[@]}" "${chosen[@]}" --targets 0.01
+            ;;
+        moving)
+            for one in "${everything[@]}"; do
+                read -ra options <<<"${one#*=}"
+                mkdir -p "$work/moving/${one%%=*}"
+                "$lightsheaf" render builtin:sea --size "$size" --samples 1 --interleave 1 --frames 0..6 --fps 24 --quiet \
+                    "${options[@]}" -o "$work/frame.exr" --stats "$work/moving/${one%%=*}/frame.json"
+            done
+            command="lightsheaf render builtin:sea --size $size --samples 1 --interleave 1 --frames 0..6 --fps 24 OPTIONS -o OUT.exr --stats STATS.json"
+            ;;
         tests)
             for test in "visibility -- table" "raster_statistics -- pixels" "planted -- table" "paths -- matrix"; do
                 cargo test --locked --test ${test/ -- / -- --ignored --nocapture } | grep '^| ' >>"$work/tests" || true
@@ -101,8 +130,10 @@ for block in "$@"; do
             ;;
         *) echo "error: there is no block $block" >&2; exit 2 ;;
     esac
-    python3 - "$block" "$work" "${OUT:-docs/results.md}" "$command" <<'PYTHON'
-import datetime, json, os, pathlib, re, subprocess, sys
+    page=docs/results.md
+    if [[ $block == study || $block == moving ]]; then page=docs/study.md; fi
+    python3 - "$block" "$work" "${OUT:-$page}" "$command" <<'PYTHON'
+import datetime, json, os, pathlib, re, statistics, subprocess, sys
 block, work, page, command = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3]), sys.argv[4]
 
 
@@ -138,14 +169,30 @@ elif block == "twins":
         _, scene, visibility = path.name.split(".")
         r = json.loads(path.read_text())
         lines.append(row(scene, visibility, f"{r['rel_mse']:.2g}", f"{100 * r['mean_bias']:+.5f} %"))
+elif block == "moving":
+    lines += [row("estimator, visibility", "ms to pose and rebuild", "ms of an iteration", "ms of a frame", "MB on the device"), "|---|---|---|---|---|"]
+    for folder in sorted((work / "moving").iterdir()):
+        # The first frame compiles the shaders.
+        frames = [json.loads(path.read_text()) for path in sorted(folder.iterdir())[1:]]
+        middle = lambda value: statistics.median(map(value, frames))
+        rebuild, iteration = (1e3 * middle(lambda f: f["seconds"][part]) for part in ("setup", "render"))
+        megabytes = 1e-6 * middle(lambda f: f["bytes"] + f["scene_bytes"])
+        lines.append(row(folder.name, f"{rebuild:.0f}", f"{iteration:.0f}", f"{rebuild + iteration:.0f}", f"{megabytes:.0f}"))
 elif block == "tests":
     lines += ["```text", (work / "tests").read_text().rstrip(), "```"]
 else:
     text = (work / "bench" / "report.md").read_text()
     lines += re.sub(r"^## ", "#### ", text[text.index("\n## ") + 1:], flags=re.M).rstrip().splitlines()
+    if block == "study":
+        # The page compares errors; times per pass and names of devices would bury them.
+        lines = [line for line in lines if not re.match(r"- .*: lightsheaf ", line)]
+        lines = re.sub(r"Device time in .*?(?=\n#### |\Z)", "", "\n".join(lines), flags=re.S).rstrip().splitlines()
     curve = re.search(r"<svg.*?</svg>", (work / "bench" / "report.html").read_text(), re.S)
     if block == "methods" and curve:
         pathlib.Path("assets/error-time.svg").write_text(curve.group(0) + "\n")
+textured = os.environ.get("TEXTURED")
+if textured:
+    lines = [line.replace(textured, pathlib.Path(textured).name) for line in lines]
 begin, end = f"<!-- made by scripts/results.sh: {block} -->", "<!-- end -->"
 old = page.read_text()
 start = old.index(begin) + len(begin)
