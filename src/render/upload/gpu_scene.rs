@@ -230,12 +230,8 @@ impl GpuScene {
         scene: &Scene,
         geometry: &Geometry,
     ) -> Result<(), GpuError> {
-        let old = self.tracer.take();
-        let traced = self.traced();
-        self.tracer = Some(match old {
-            Some(tracer) => tracer.rebuild(gpu, tracing, &traced, scene, geometry)?,
-            None => Tracer::new(gpu, tracing, &traced, scene, geometry)?,
-        });
+        let previous = self.tracer.take();
+        self.tracer = Some(Tracer::new(gpu, tracing, previous, &self.traced(), scene, geometry)?);
         Ok(())
     }
 

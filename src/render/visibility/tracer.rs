@@ -67,7 +67,8 @@ pub enum Tracer {
 }
 
 impl Tracer {
-    /// Builds the structure from the scene's positions on the device.
+    /// Builds the structure from the scene's positions on the device, in the buffers of the one of the previous
+    /// pose where that is possible.
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails, was opened without ray queries that are asked for, or cannot
@@ -75,43 +76,30 @@ impl Tracer {
     pub fn new(
         gpu: &Gpu,
         tracing: Tracing,
+        previous: Option<Self>,
         on_device: &TracedScene,
         scene: &Scene,
         geometry: &Geometry,
     ) -> Result<Self, GpuError> {
+        let kept = match (tracing, previous) {
+            (Tracing::Grid, Some(Self::Grid(grid))) => Some(grid),
+            // Other structures are freed before they are built anew.
+            _ => None,
+        };
         Ok(match tracing {
             Tracing::RayQuery if !gpu.capabilities.ray_queries => {
                 return Err(GpuError::Device("it was opened without ray queries".to_owned()));
             }
             Tracing::RayQuery => Self::RayQuery(Acceleration::new(gpu, on_device.positions, scene, geometry)),
-            Tracing::Grid => Self::Grid(Box::new(Grid::new(gpu, on_device)?)),
+            Tracing::Grid => match kept {
+                Some(mut grid) => {
+                    grid.rebuild(gpu, on_device)?;
+                    Self::Grid(grid)
+                }
+                None => Self::Grid(Box::new(Grid::new(gpu, on_device)?)),
+            },
             Tracing::Bvh => Self::Bvh(Bvh::new(gpu, on_device, scene, geometry)?),
         })
-    }
-
-    /// Builds the structure of another pose, in the same buffers where that is possible.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
-    pub fn rebuild(
-        self,
-        gpu: &Gpu,
-        tracing: Tracing,
-        on_device: &TracedScene,
-        scene: &Scene,
-        geometry: &Geometry,
-    ) -> Result<Self, GpuError> {
-        match (self, tracing) {
-            (Self::Grid(mut grid), Tracing::Grid) => {
-                grid.rebuild(gpu, on_device)?;
-                Ok(Self::Grid(grid))
-            }
-            (other, _) => {
-                // The old structure is freed first.
-                drop(other);
-                Self::new(gpu, tracing, on_device, scene, geometry)
-            }
-        }
     }
 
     /// Returns the bindings of shaders that trace rays.
