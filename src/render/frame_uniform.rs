@@ -92,7 +92,7 @@ fn clip_from_world(
         // The far plane is at infinity. With reversed floating-point depth a close near plane costs no
         // precision.
         Projection::Perspective { .. } => {
-            let near = 1e-4 * radius;
+            let near = 1e-7 * radius;
             Mat4::from_cols_array_2d(&[
                 [1.0 / half.x, 0.0, 0.0, 0.0],
                 [0.0, 1.0 / half.y, 0.0, 0.0],

@@ -109,6 +109,38 @@ fn resolution_does_not_change_an_exact_picture() {
     assert!(most > 1e-3, "{most}");
 }
 
+/// The hardware snaps corners to its subpixel grid. The exact camera ray then selects among the triangles at and
+/// around a pixel, so that silhouettes are those of traced rays.
+#[test]
+fn silhouettes_of_the_rasterizer_are_those_of_rays() {
+    let Some(gpu) = gpu() else { return };
+    for name in ["cornell_point", "corner_spikes"] {
+        let scene = builtin::load(name).unwrap();
+        let of =
+            |visibility_from, seed| raster(gpu, &scene, &Settings { visibility_from, seed, ..settings(96, 96, 4) }).0;
+        let traced = of(VisibilityFrom::Grid, 1);
+        let rasterized = compare(&of(VisibilityFrom::Lists, 1), &traced).unwrap();
+        println!("{name}: rel_mse {:.1e}", rasterized.rel_mse);
+        assert!(rasterized.rel_mse < 1e-7, "{name}: {}", rasterized.rel_mse);
+        assert!(compare(&of(VisibilityFrom::Lists, 2), &traced).unwrap().rel_mse > 1e-4, "other seeds differ");
+    }
+}
+
+/// The near plane cuts nothing: a card is seen from a millionth of the scene's radius.
+#[test]
+fn a_surface_right_before_the_camera_is_seen() {
+    let Some(gpu) = gpu() else { return };
+    for distance in [1e-3, 1e-4, 1e-6] {
+        let mut scene = Scene { cameras: vec![pinhole(Vec3::ZERO, Vec3::NEG_Z, 1.0)], ..Scene::default() };
+        let corner = Vec3::new(-2.0, -2.0, -1.0);
+        let card = quad(corner * distance, Vec3::X * 4.0 * distance, Vec3::Y * 4.0 * distance);
+        add(&mut scene, card, emitter(0.0, Vec3::ONE, true));
+        add(&mut scene, floor(1.0, -0.5), Material::diffuse("floor", Vec3::splat(0.5)));
+        let film = raster(gpu, &scene, &settings(16, 16, 1)).0;
+        assert!(film.pixels.iter().all(|p| *p == [1.0; 3]), "from {distance}: {:?}", film.pixels[0]);
+    }
+}
+
 #[test]
 fn lists_without_room_grow_and_lose_nothing() {
     let Some(gpu) = gpu() else { return };
