@@ -6,6 +6,7 @@ pub mod environment;
 pub mod error;
 pub mod geometry;
 pub mod height;
+mod ktx2;
 pub mod light;
 pub mod material;
 pub mod mesh;

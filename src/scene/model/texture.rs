@@ -2,6 +2,8 @@
 
 use glam::{Affine2, Vec2};
 
+use crate::scene::model::ktx2;
+
 /// Eight-bit pixels, row 0 on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -78,8 +80,8 @@ impl Image {
     /// memory.
     pub const MAX_PIXELS: u64 = 1 << 28;
 
-    /// Decodes PNG, JPEG, BMP, TGA or Radiance HDR (clamped to 1 and sRGB-encoded) by content, or by the
-    /// name's extension.
+    /// Decodes PNG, JPEG, WebP, KTX2, BMP, TGA or Radiance HDR (clamped to 1 and sRGB-encoded) by content, or by
+    /// the name's extension.
     ///
     /// # Errors
     /// Bytes that are not such an image are an error; the message is a sentence.
@@ -93,6 +95,9 @@ impl Image {
 
     /// Decodes an image in the file's own bit depth.
     pub(in crate::scene) fn open(bytes: &[u8], name: &str) -> Result<image::DynamicImage, String> {
+        if ktx2::is_ktx2(bytes) {
+            return ktx2::decode(bytes);
+        }
         let mut reader =
             image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
         if reader.format().is_none()
