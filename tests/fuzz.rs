@@ -17,7 +17,7 @@ use lightsheaf::scene::{self, Geometry};
 use lightsheaf::staging::{self, Staging};
 use serde_json::json;
 
-/// Files that are loaded, of both formats together.
+/// Files that are loaded: of both formats together, and of compressed files.
 const ROUNDS: u64 = 10_000;
 /// Time limit for one file.
 const TIME_LIMIT: Duration = Duration::from_secs(5);
@@ -201,6 +201,45 @@ fn serialized() -> Vec<u8> {
     out
 }
 
+/// Returns files of each kind of compression, and one with compressed images.
+fn compressed_seeds() -> Vec<Seed> {
+    let read = |name: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name);
+        std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+    };
+    let mut seeds: Vec<Seed> = vec![
+        vec![("meshopt_ext.gltf", read("meshopt_ext.gltf")), ("meshopt_ext.bin", read("meshopt_ext.bin"))],
+        vec![("meshopt_khr.gltf", read("meshopt_khr.gltf")), ("meshopt_khr.bin", read("meshopt_khr.bin"))],
+    ];
+    for names in [
+        ["draco_edgebreaker.gltf", "draco_edgebreaker.bin", "draco_edgebreaker.fallback.bin"],
+        ["draco_sequential.gltf", "draco_sequential.bin", "draco_sequential.fallback.bin"],
+    ] {
+        seeds.push(names.map(|name| (name, read(name))).into());
+    }
+    let mut webp = std::io::Cursor::new(Vec::new());
+    let image = image::RgbaImage::from_fn(16, 16, |x, y| image::Rgba([15 * x as u8, 15 * y as u8, 30, 255]));
+    image.write_to(&mut webp, image::ImageFormat::WebP).unwrap();
+    let images = ["tile.etc1s.ktx2", "tile.uastc.ktx2", "tile.uastc.zstd.ktx2", "tile.webp"];
+    let (mut json, data) = gltf_parts();
+    json["buffers"] = json!([{ "byteLength": data.len(), "uri": "data.bin" }]);
+    json["images"] = images.iter().map(|uri| json!({ "uri": uri })).collect();
+    let texture = |i: usize, extension: &str| json!({ "extensions": { extension: { "source": i } } });
+    json["textures"] = json!([
+        texture(0, "KHR_texture_basisu"),
+        texture(1, "KHR_texture_basisu"),
+        texture(2, "KHR_texture_basisu"),
+        texture(3, "EXT_texture_webp"),
+    ]);
+    json["materials"][1]["pbrMetallicRoughness"] =
+        json!({ "baseColorTexture": { "index": 2 }, "metallicRoughnessTexture": { "index": 3 } });
+    let mut seed = vec![("scene.gltf", json.to_string().into_bytes()), ("data.bin", data)];
+    seed.extend(images[..3].iter().map(|name| (*name, read(name))));
+    seed.push((images[3], webp.into_inner()));
+    seeds.push(seed);
+    seeds
+}
+
 /// Texts that parsers tend to fail on.
 const SPICE: &[&str] =
     &["\"", "<", ">", "$", "$size", "[", "]", "{", "}", "null", "true", "\\u0000", "/", "\n", "..", "\u{ff}", "-1"];
@@ -228,15 +267,17 @@ const NUMBERS: &[&str] = &[
 const WORDS: &[u32] =
     &[0, 1, 0x7f, 0xff, 0x7fff_ffff, 0x8000_0000, 0xffff_ffff, 0x7f80_0000, 0x7fc0_0000, 0x0001_0000, 4096];
 
-/// Replaces numbers by odd ones; less often changes, removes, doubles, moves or inserts a few bytes.
+/// Replaces numbers of texts by odd ones; less often, and always in binary data, changes, removes, doubles,
+/// moves or inserts a few bytes.
 fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
+    let is_text = bytes.starts_with(b"glTF") || std::str::from_utf8(bytes).is_ok();
     for _ in 0..=random.below(2) {
         if bytes.is_empty() {
             bytes.push(b' ');
         }
         let at = random.below(bytes.len() as u64);
         let end = (at + 1 + random.below(24)).min(bytes.len());
-        match random.below(20) {
+        match if is_text { random.below(20) } else { 13 + random.below(7) } {
             0..=9 => {
                 // The whole of the next number is replaced.
                 let is_part = |b: &u8| b.is_ascii_digit() || matches!(b, b'.' | b'-');
@@ -422,6 +463,13 @@ fn mutated_gltf() {
 fn mutated_mitsuba() {
     let rounds = number("FUZZ_ROUNDS", ROUNDS) / 2;
     let [loaded, refused] = fuzz("mitsuba", &mitsuba_seeds(), rounds);
+    assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
+}
+
+#[test]
+fn mutated_compressed_files() {
+    let rounds = number("FUZZ_ROUNDS", ROUNDS);
+    let [loaded, refused] = fuzz("compressed", &compressed_seeds(), rounds);
     assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
 }
 

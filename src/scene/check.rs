@@ -16,7 +16,7 @@ use crate::scene::tessellation::refine;
 
 /// Maximum number of triangles of all instances together: 32 bits have to count the corners, with a margin
 /// for acceleration structures.
-const MAX_TRIANGLES: usize = 1 << 28;
+pub(in crate::scene) const MAX_TRIANGLES: usize = 1 << 28;
 
 /// Checks a loader's result and repairs it where possible.
 ///

@@ -4,6 +4,7 @@
 mod common;
 
 mod builtin;
+mod compression;
 mod gltf;
 mod metrics;
 mod mitsuba;

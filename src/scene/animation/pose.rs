@@ -62,9 +62,9 @@ impl Scene {
         if let Some(node) = world.iter().position(|w| !w.is_finite()) {
             return Err(failed(format!("the transform of nodes[{node}] is not finite")));
         }
-        for (instance, node) in out.instances.iter_mut().zip(&rig.instances) {
-            if let Some(node) = node {
-                instance.world_from_local = world[*node];
+        for (instance, followed) in out.instances.iter_mut().zip(&rig.instances) {
+            if let Some((node, node_from_local)) = followed {
+                instance.world_from_local = world[*node] * *node_from_local;
             }
         }
         let skins: Vec<_> = rig.skins.iter().map(|skin| skin.matrices(&world)).collect();

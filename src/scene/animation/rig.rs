@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{Mat4, Vec3};
+use glam::{Affine3A, Mat4, Vec3};
 
 use crate::scene::animation::deformation::Deformation;
 use crate::scene::animation::track::Animation;
@@ -58,8 +58,8 @@ pub struct Rig {
     pub skins: Vec<Skin>,
     /// Deformable meshes.
     pub shapes: Vec<Shape>,
-    /// The node of each of the scene's instances, if it follows one.
-    pub instances: Vec<Option<usize>>,
+    /// The node of each of the scene's instances, if it follows one, and the instance's transform below it.
+    pub instances: Vec<Option<(usize, Affine3A)>>,
     /// Node and file index of each of the scene's first cameras.
     pub cameras: Vec<(usize, usize)>,
     /// Nodes and rest values of the scene's first lights.

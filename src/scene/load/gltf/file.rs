@@ -12,6 +12,8 @@ use base64::Engine as _;
 use serde::Deserialize;
 
 use super::animation::Parsed;
+use super::compression::Compression;
+use super::instances::Instancing;
 use super::lights::Profiles;
 use crate::scene::LoadError;
 
@@ -25,8 +27,12 @@ pub(super) struct File {
     pub normal_transforms: HashMap<usize, TextureTransform>,
     /// Light profiles, which the parser's own types omit too.
     pub profiles: Profiles,
+    /// Instances of nodes, which the parser's own types omit too.
+    pub instancing: Instancing,
     /// Animations; the parser's own types only support those of nodes.
     pub animations: Parsed,
+    /// Compressed data that is not decoded yet.
+    compression: Compression,
     /// The binary chunk of a GLB.
     chunk: Option<Vec<u8>>,
     /// Bytes of each buffer; `None` if the file has no data for it.
@@ -50,17 +56,31 @@ impl File {
             let cause = cause.split(" at line ").next().unwrap_or(&cause);
             LoadError::at(path, format!("line {} column {}", e.line(), e.column()), format!("not valid glTF: {cause}"))
         };
-        let root = parse(text).map_err(invalid)?;
+        let mut root = parse(text).map_err(invalid)?;
         let normal_transforms = parse_normal_transforms(text).map_err(invalid)?;
         let profiles = Profiles::parse(text).map_err(invalid)?;
+        let instancing = Instancing::parse(text).map_err(invalid)?;
         let animations = serde_json::from_slice(text).map_err(invalid)?;
+        let compression: Compression = serde_json::from_slice(text).map_err(invalid)?;
+        compression.select_images(&mut root);
+        share_images(&mut root);
         let version = root.asset.version.as_str();
         if version.split('.').next() != Some("2") {
             let cause = format!("glTF version {version:?} is not supported: convert the file to glTF 2.0");
             return Err(LoadError::at(path, "asset.version", cause));
         }
         let chunk = chunk.map(<[u8]>::to_vec);
-        Ok(Self { path: path.to_owned(), root, normal_transforms, profiles, animations, chunk, buffers: Vec::new() })
+        Ok(Self {
+            path: path.to_owned(),
+            root,
+            normal_transforms,
+            profiles,
+            instancing,
+            animations,
+            compression,
+            chunk,
+            buffers: Vec::new(),
+        })
     }
 
     /// Checks that every index in the file refers to something, even in nodes outside the scene.
@@ -83,12 +103,13 @@ impl File {
         dangling.map_or(Ok(()), |path| Err(self.error(path.0, "refers to something that does not exist")))
     }
 
-    /// Reads all buffers.
+    /// Reads all buffers and decodes the compressed data in them.
     pub fn load_buffers(&mut self) -> Result<(), LoadError> {
         for index in 0..self.root.buffers.len() {
             let place = format!("buffers[{index}]");
             let buffer = &self.root.buffers[index];
             let data = match &buffer.uri {
+                _ if self.compression.is_fallback(index) => None,
                 Some(uri) => Some(self.fetch(uri, &place)?),
                 None if index == 0 => self.chunk.take(),
                 None => None,
@@ -101,7 +122,36 @@ impl File {
             }
             self.buffers.push(data);
         }
-        Ok(())
+        std::mem::take(&mut self.compression).decode(self)
+    }
+
+    /// Adds a buffer that is not in the file itself.
+    pub fn add_buffer(&mut self, data: Vec<u8>) -> Index<json::Buffer> {
+        let byte_length = data.len().into();
+        self.buffers.push(Some(data));
+        self.root.push(json::Buffer {
+            byte_length,
+            name: None,
+            uri: None,
+            extensions: None,
+            extras: Default::default(),
+        })
+    }
+
+    /// Adds a buffer view of all bytes of a new buffer.
+    pub fn add_view(&mut self, data: Vec<u8>) -> Index<json::buffer::View> {
+        let byte_length = data.len().into();
+        let buffer = self.add_buffer(data);
+        self.root.push(json::buffer::View {
+            buffer,
+            byte_length,
+            byte_offset: None,
+            byte_stride: None,
+            name: None,
+            target: None,
+            extensions: None,
+            extras: Default::default(),
+        })
     }
 
     /// Creates an error about one place in the file.
@@ -122,17 +172,21 @@ impl File {
     pub fn view(&self, index: Index<json::buffer::View>, place: &str) -> Result<&[u8], LoadError> {
         let view = self.get(index, place, "bufferViews")?;
         let place = format!("bufferViews[{}]", index.value());
-        let buffer = self.get(view.buffer, &place, "buffers")?;
-        let data = self.buffers.get(view.buffer.value()).and_then(Option::as_deref);
+        self.slice(view.buffer, view.byte_offset.unwrap_or_default().0, view.byte_length.0, &place)
+    }
+
+    /// Returns some bytes of a buffer.
+    pub fn slice(&self, index: Index<json::Buffer>, offset: u64, length: u64, place: &str) -> Result<&[u8], LoadError> {
+        let buffer = self.get(index, place, "buffers")?;
+        let data = self.buffers.get(index.value()).and_then(Option::as_deref);
         let data = data.ok_or_else(|| {
             let cause = "has neither a uri nor a binary chunk, but its data is needed";
-            self.error(format!("buffers[{}]", view.buffer.value()), cause)
+            self.error(format!("buffers[{}]", index.value()), cause)
         })?;
-        let offset = view.byte_offset.unwrap_or_default().0;
-        let end = offset.checked_add(view.byte_length.0).filter(|&end| end <= buffer.byte_length.0);
+        let end = offset.checked_add(length).filter(|&end| end <= buffer.byte_length.0);
         let end = end.ok_or_else(|| {
-            let (length, size) = (view.byte_length.0, buffer.byte_length.0);
-            self.error(&place, format!("{length} bytes from {offset} do not fit into a buffer of {size} bytes"))
+            let size = buffer.byte_length.0;
+            self.error(place, format!("{length} bytes from {offset} do not fit into a buffer of {size} bytes"))
         })?;
         Ok(&data[offset as usize..end as usize])
     }
@@ -199,6 +253,22 @@ fn parse(text: &[u8]) -> Result<json::Root, serde_json::Error> {
         }
         if patched { serde_json::from_value(value).map_err(|_| error) } else { Err(error) }
     })
+}
+
+/// Lets textures whose images have the same data refer to the first of these, so that it is decoded once.
+fn share_images(root: &mut json::Root) {
+    let mut first: HashMap<(Option<&str>, Option<usize>), u32> = HashMap::new();
+    let shared: Vec<_> = root
+        .images
+        .iter()
+        .zip(0..)
+        .map(|(image, i)| *first.entry((image.uri.as_deref(), image.buffer_view.map(|v| v.value()))).or_insert(i))
+        .collect();
+    for texture in &mut root.textures {
+        if let Some(&image) = shared.get(texture.source.value()) {
+            texture.source = Index::new(image);
+        }
+    }
 }
 
 /// Reads the texture transforms of normal maps.

@@ -148,9 +148,9 @@ impl Materials {
         let texture = file.get(index, place, "textures")?;
         let referrer = place;
         let place = format!("textures[{}]", index.value());
-        // The parser represents a missing source by u32::MAX, as for images in KTX2 or WebP alone.
+        // The parser represents a missing source by u32::MAX, as for images in AVIF alone.
         if texture.source.value() == u32::MAX as usize {
-            scene.warn(format!("{place} has no PNG or JPEG image: it is left out"));
+            scene.warn(format!("{place} has no image in a supported format (PNG, JPEG, WebP, KTX2): it is left out"));
             return Ok(None);
         }
         file.get(texture.source, &place, "images")?;

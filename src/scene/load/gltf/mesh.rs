@@ -10,11 +10,15 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 use super::accessor::Accessor;
 use super::file::File;
 use crate::scene::animation::{Deformation, MorphTarget, Skin};
+use crate::scene::check::MAX_TRIANGLES;
 use crate::scene::{LoadError, Mesh};
 
 /// Maximum number of triangle corners of one file. A larger file is an error, so that a small file cannot
 /// allocate arbitrary memory.
-const MAX_CORNERS: usize = 1 << 27;
+pub(super) const MAX_CORNERS: usize = 1 << 27;
+
+/// Maximum number of instances of one file.
+pub(super) const MAX_INSTANCES: usize = 1 << 22;
 
 /// Reads a skin: its joints' nodes and inverse bind matrices.
 pub(super) fn skin(file: &File, skin: &json::Skin, place: &str) -> Result<Skin, LoadError> {
@@ -46,10 +50,29 @@ pub(super) struct Wanted<'a> {
     pub joints: Option<usize>,
 }
 
-/// Total of the data that a file expands to, over all of its meshes.
+/// Total of the data that a file expands to, over all of its meshes and instances.
 #[derive(Default)]
 pub(super) struct Budget {
     corners: usize,
+    instances: usize,
+    triangles: usize,
+}
+
+impl Budget {
+    /// Counts instances of some triangles; more than the file may have are an error, whose cause is returned.
+    pub fn instantiate(&mut self, triangles: usize, instances: usize) -> Result<(), String> {
+        self.instances = self.instances.saturating_add(instances);
+        self.triangles = self.triangles.saturating_add(triangles.saturating_mul(instances));
+        match (self.instances, self.triangles) {
+            (count, _) if count > MAX_INSTANCES => {
+                Err(format!("the file has more than {MAX_INSTANCES} instances: show fewer of them"))
+            }
+            (_, count) if count > MAX_TRIANGLES => {
+                Err(format!("the file's instances have more than {MAX_TRIANGLES} triangles: show fewer of them"))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Returns the accessor of a primitive's attribute.

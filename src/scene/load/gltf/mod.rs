@@ -9,7 +9,10 @@
 
 mod accessor;
 mod animation;
+mod codec;
+mod compression;
 mod file;
+mod instances;
 mod lights;
 mod material;
 mod mesh;
@@ -34,9 +37,13 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 11] = [
+pub const SUPPORTED: [&str; 17] = [
     "EXT_lights_ies",
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
     "KHR_animation_pointer",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -45,14 +52,15 @@ pub const SUPPORTED: [&str; 11] = [
     "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
 /// Describes the substitute for an extension that a file uses without requiring it.
 fn substitute(extension: &str) -> &'static str {
     match extension {
-        "KHR_draco_mesh_compression" | "EXT_meshopt_compression" => "the uncompressed fallback is read",
-        "KHR_texture_basisu" | "EXT_texture_webp" | "EXT_texture_avif" => "the PNG or JPEG fallback is read",
+        "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
         "KHR_materials_pbrSpecularGlossiness" => "the metallic-roughness values beside it are read",
         "KHR_materials_clearcoat" => "the base is rendered without its coat",
@@ -61,7 +69,6 @@ fn substitute(extension: &str) -> &'static str {
         "KHR_materials_anisotropy" => "highlights are rendered isotropic",
         "KHR_materials_dispersion" => "the medium does not disperse",
         "KHR_materials_variants" => "the default variant is read",
-        "EXT_mesh_gpu_instancing" => "a single instance is read",
         "KHR_node_visibility" => "all nodes are visible",
         "EXT_lights_image_based" => {
             "its prefiltered cube map is left out; `--env FILE` takes the image that it was made of"
@@ -186,7 +193,7 @@ impl Loader<'_> {
         if self.file.root.nodes.is_empty() && !self.file.root.meshes.is_empty() {
             self.scene.warn("the file has meshes and no node that shows them: all are placed at the origin");
             for mesh in 0..self.file.root.meshes.len() {
-                self.place_mesh(Index::new(mesh as u32), None, &[], None, "meshes")?;
+                self.place_mesh(Index::new(mesh as u32), None, &[], None, &[Affine3A::IDENTITY], "meshes")?;
             }
         }
         self.scene.images = materials.load_images(self.file)?;
@@ -242,7 +249,9 @@ impl Loader<'_> {
         let place = format!("nodes[{index}]");
         let world = self.world[index];
         if let Some(mesh) = node.mesh {
-            self.place_mesh(mesh, node.skin, node.weights.as_deref().unwrap_or_default(), Some(index), &place)?;
+            let instances = self.instances(index, node.skin.is_some())?;
+            let weights = node.weights.as_deref().unwrap_or_default();
+            self.place_mesh(mesh, node.skin, weights, Some(index), &instances, &place)?;
         }
         if let Some(camera) = node.camera {
             let source = camera.value();
@@ -268,13 +277,14 @@ impl Loader<'_> {
         Ok(())
     }
 
-    /// Instantiates a mesh at a node, or at the origin.
+    /// Instantiates a mesh at a node, or at the origin, once for each transform below it.
     fn place_mesh(
         &mut self,
         index: Index<json::Mesh>,
         skin: Option<Index<json::Skin>>,
         weights: &[f32],
         node: Option<usize>,
+        instances: &[Affine3A],
         place: &str,
     ) -> Result<(), LoadError> {
         let mesh = self.file.get(index, place, "meshes")?;
@@ -291,9 +301,13 @@ impl Loader<'_> {
         // glTF 2.0, 3.7.3.3, ignores the transform of a skinned mesh's own node.
         let node = node.filter(|_| skin.is_none());
         let world_from_local = node.map_or(Affine3A::IDENTITY, |node| self.world[node]);
-        for &mesh in &self.meshes[&key] {
-            self.scene.instances.push(Instance { mesh, world_from_local });
-            self.rig.iter_mut().for_each(|rig| rig.instances.push(node));
+        let triangles: usize = self.meshes[&key].iter().map(|&mesh| self.scene.meshes[mesh].triangles.len()).sum();
+        self.budget.instantiate(triangles, instances.len()).map_err(|cause| self.file.error(place, cause))?;
+        for &node_from_local in instances {
+            for &mesh in &self.meshes[&key] {
+                self.scene.instances.push(Instance { mesh, world_from_local: world_from_local * node_from_local });
+                self.rig.iter_mut().for_each(|rig| rig.instances.push(node.map(|node| (node, node_from_local))));
+            }
         }
         Ok(())
     }

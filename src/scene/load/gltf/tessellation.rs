@@ -143,7 +143,10 @@ impl Loader<'_> {
         let texture = self.file.get(index, place, "textures")?;
         let place = format!("textures[{}]", index.value());
         if texture.source.value() == u32::MAX as usize {
-            return Err(self.file.error(place, "has no PNG or JPEG image, which a displacement asks for"));
+            return Err(self.file.error(
+                place,
+                "has no image in a supported format (PNG, JPEG, WebP, KTX2), which a displacement needs",
+            ));
         }
         let (wrap, _) = wrap_modes(self.file, texture, &place)?;
         let map = read_image(self.file, texture.source, |bytes, name| HeightMap::decode(bytes, name, wrap))?;
