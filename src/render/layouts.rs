@@ -438,9 +438,9 @@ layouts! {
         position: [f32; 3],
         triangle: u32,
         normal: [f32; 3],
-        pad: u32,
+        shown_x: f32,
+        shown_yz: [f32; 2],
         reflectance: [u32; 2],
-        pad2: [u32; 2],
     }
 
     /// The uniform that the passes of the denoiser share.

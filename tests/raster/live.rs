@@ -3,7 +3,7 @@
 
 use crate::common;
 
-use common::scenes::{add, pinhole};
+use common::scenes::{add, emitter, pinhole};
 use common::{gpu, gpu_with_ray_queries, raster};
 use glam::{Affine3A, Vec3};
 use lightsheaf::film::Film;
@@ -12,7 +12,7 @@ use lightsheaf::metrics::{Comparison, compare};
 use lightsheaf::render::renderer::Renderer as _;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::scene::model::shapes;
-use lightsheaf::scene::{Light, Material, Scene, builtin};
+use lightsheaf::scene::{Bsdf, Fresnel, Light, Material, Scene, builtin};
 use lightsheaf::settings::Settings;
 
 fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
@@ -60,7 +60,8 @@ fn frames(renderer: &mut SharedRenderer, scene: &Scene, count: u64) -> Film {
 #[test]
 fn layers_add_up_to_the_picture() {
     let Some(gpu) = gpu() else { return };
-    for name in ["cornell_point", "cornell_glossy", "cornell_area", "cornell_env", "corner_spikes", "point_hall:40"] {
+    let names = ["cornell_point", "cornell_glossy", "cornell_area", "cornell_env", "corner_spikes", "point_hall:40"];
+    for name in names.into_iter().chain(["cornell_mirrors", "cornell_spheres"]) {
         let scene = builtin::load(name).unwrap();
         let plain = Settings { width: 40, height: 30, samples: 1, ..Settings::plain() };
         let whole = raster(gpu, &scene, &plain).0;
@@ -104,6 +105,22 @@ fn filtered_frames_are_nearer_to_the_truth() {
     // All light but direct light has 32 pixels across.
     assert!(coarse.rel_mse < plain.rel_mse / 2.0 && coarse.mean_bias.abs() < 0.04, "{coarse:?}, plain {plain:?}");
     assert!(alone.rel_mse > 3.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
+}
+
+/// What a mirror shows is filtered as if it were seen directly, and what it shows of lights stays sharp.
+#[test]
+fn filtered_frames_in_a_mirror_are_nearer_to_the_truth() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene { lights: Vec::new(), ..room([0.0; 2], Vec3::new(0.3, -0.7, 0.3)) };
+    let lamp = shapes::quad(Vec3::new(-0.3, 0.95, 0.0), Vec3::X * 0.6, Vec3::Z * 0.6);
+    add(&mut scene, lamp, emitter(0.0, Vec3::splat(5.0), false));
+    let mirror = shapes::quad(Vec3::new(-1.0, -1.0, -0.5), Vec3::X * 2.0, Vec3::Y * 2.0);
+    let specular = Bsdf::Conductor { fresnel: Fresnel::None, specular: Vec3::splat(0.9).into(), alpha: 0.0.into() };
+    add(&mut scene, mirror, Material { bsdf: specular, ..Material::diffuse("mirror", Vec3::ZERO) });
+    let truth = truth(gpu, &scene);
+    let of = |unfiltered| against(&raster(gpu, &scene, &Settings { unfiltered, ..settings(4, 0, 8) }).0, &truth);
+    let (filtered, alone) = (of(false), of(true));
+    assert!(alone.rel_mse > 3.0 * filtered.rel_mse && filtered.mean_bias.abs() < 0.02, "{alone:?} {filtered:?}");
 }
 
 /// Returns the number of frames after a light is switched off until 95 % of the change is in the picture and

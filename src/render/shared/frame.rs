@@ -174,16 +174,21 @@ impl Frame {
                 self.connect(recording, band, pass);
             }
             if let Some((strategy, pass)) = self.passes.extensions.get(j as usize - 1) {
-                pass.record(recording, band, strategy, self.views.get(ViewRole::Bundle(j - 1)));
+                let bundle = self.views.get(ViewRole::Bundle(j - 1));
+                pass.record(recording, band, strategy, bundle, self.guides(band));
             }
         }
     }
 
     /// Computes z1, and adds the emission that the camera sees: (0, 2).
     pub(super) fn begin_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
-        let guides = self.denoiser.as_ref().map(|denoiser| denoiser.guides(band.region));
         let triangles = self.passes.gbuffer.as_ref().map(|gbuffer| &gbuffer.triangles);
-        self.passes.eye_vertices.record(recording, band, triangles, guides);
+        self.passes.eye_vertices.record(recording, band, triangles, self.guides(band));
+    }
+
+    /// Returns the guides of a band, if frames are denoised.
+    fn guides(&self, band: &Band) -> Option<&wgpu::Buffer> {
+        self.denoiser.as_ref().map(|denoiser| denoiser.guides(band.region))
     }
 
     /// Adds the light that needs no filter to every pixel of an image that is finer than its layers.

@@ -1,8 +1,8 @@
 //! extend: from z_j of every pixel along one ray-bundle to z_(j+1) (eq. (1)), and the emission of a hit:
 //! strategies (0, j + 2).
 //!
-//! Reads: the bundle's lists. Writes: the eye vertices and the iteration's image. Skipped when: no connection
-//! or emitter needs z_(j+1).
+//! Reads: the bundle's lists. Writes: the eye vertices, the iteration's image, and the guides of what mirrors
+//! show. Skipped when: no connection or emitter needs z_(j+1).
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::layouts::extend::SWIZZLE;
@@ -28,11 +28,19 @@ impl Extend {
         Self(Compute::new(gpu, "shared/paths/extend", &flags))
     }
 
-    /// Records the pass.
-    pub fn record(&self, recording: &mut Recording, band: &Band, strategy: &wgpu::Buffer, bundle: &ViewBuffers) {
+    /// Records the pass. `guides` are those of a frame that is denoised.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        band: &Band,
+        strategy: &wgpu::Buffer,
+        bundle: &ViewBuffers,
+        guides: Option<&wgpu::Buffer>,
+    ) {
         let strategy = [("strategy", strategy.as_entire_binding())];
+        let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
         let [columns, rows] = band.size;
         let threads = [columns, rows.next_multiple_of(ROWS)];
-        recording.run(&self.0, threads, &[&bundle.bindings(), &band.bindings(), &strategy]);
+        recording.run(&self.0, threads, &[&bundle.bindings(), &band.bindings(), &strategy, &guides]);
     }
 }
