@@ -13,6 +13,9 @@ use wgpu::naga;
 /// Fields of which the host knows only place and size: name of the struct and of the field.
 const OPAQUE: &[(&str, &str)] = &[("LightVertex", "bsdf")];
 
+/// Flags of layers on top of materials.
+const LAYERS: [Flag; 1] = [Flag::Coat];
+
 /// Structs of the library's shaders and of the tests' own.
 fn all() -> Vec<Described> {
     [layouts::all(), shaders::structs()].concat()
@@ -65,13 +68,34 @@ fn structs_agree_with_the_shaders() {
             let flags =
                 [Flag::Textures, Flag::Glossy, Flag::Masks, Flag::LightTree, Flag::Skins, Flag::Morphs, Flag::Waves];
             // The pass links only with reuse.
-            let reuse: &[Flag] =
-                if described.1 == "shared/light/light_reservoirs" { &[Flag::Choose, Flag::Reuse] } else { &[] };
-            parse(described.1, &[&flags, reuse].concat())
+            let own: &[Flag] = match described.1 {
+                "shared/light/light_reservoirs" => &[Flag::Choose, Flag::Reuse],
+                "subpaths/eye_paths" => &LAYERS,
+                _ => &[],
+            };
+            parse(described.1, &[&flags, own].concat())
         });
         assert!(!described.3.is_empty());
         let differences = differences(described, module);
         assert!(differences.is_empty(), "{differences:#?}");
+    }
+}
+
+/// Structs with conditional fields have the sizes that the host computes for them.
+#[test]
+fn sizes_follow_the_flags() {
+    let optional = [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Coat];
+    for on in 0..=optional.len() {
+        let flags = [&[Flag::Rays, Flag::Bvh], &optional[..on]].concat();
+        let module = parse("shared/paths/connect", &flags);
+        let mut layouter = naga::proc::Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let size = |name: &str| {
+            let (handle, _) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap();
+            u64::from(layouter[handle].to_stride())
+        };
+        assert_eq!(size("Shading"), layouts::Shading::bytes(&flags), "Shading with {flags:?}");
+        assert_eq!(size("LightVertex"), layouts::LightVertex::bytes(&flags) as u64, "LightVertex with {flags:?}");
     }
 }
 

@@ -137,15 +137,17 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
     // GLOSSY.
     let mirrors = follows_mirrors(pass);
     assert!(!mirrors || flags.contains(&Flag::Specular), "{pass}");
+    let all = flags;
     let flags: Vec<_> = flags
         .iter()
         .copied()
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| !TRACERS.contains(f))
+        .filter(|f| !TRACERS.contains(f) && !LAYERS.contains(f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
+    let layers: Vec<_> = LAYERS.iter().copied().filter(|layer| all.contains(layer)).collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
     let few = |bits: &u32| {
         let on = bits.count_ones();
@@ -167,8 +169,19 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             let others: Vec<_> = tracers.iter().copied().map(traced).collect();
             std::iter::once(set).chain(others)
         })
+        .flat_map(|set| {
+            // Surfaces with layers are glossy. They have one of the layers, or all.
+            let glossy = set.contains(&Flag::Glossy) && !layers.is_empty();
+            let all = glossy.then(|| [&set, layers.as_slice()].concat());
+            let single = if glossy && layers.len() > 1 { layers.as_slice() } else { &[] };
+            let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
+            std::iter::once(set).chain(all).chain(one)
+        })
         .collect()
 }
+
+/// Flags of layers on top of materials.
+const LAYERS: [Flag; 1] = [Flag::Coat];
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

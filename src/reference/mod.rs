@@ -14,6 +14,7 @@ mod camera;
 mod distribution;
 pub mod environment;
 mod features;
+pub mod layers;
 pub mod lights;
 pub mod microfacet;
 mod path;

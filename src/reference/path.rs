@@ -14,9 +14,9 @@ use std::cell::Cell;
 use glam::{Vec2, Vec3};
 
 use super::Reference;
-use super::bsdf::Bsdf;
 use super::bvh::{Hit, NONE};
 use super::environment::Sky;
+use super::layers::Layered;
 use super::lights::{Group, LightSample, Target};
 use super::sampler::{Sampler, hash};
 use super::surface::Surface;
@@ -37,7 +37,7 @@ pub struct Path {
 struct Vertex<'v> {
     surface: &'v Surface<'v>,
     hit: &'v Hit,
-    bsdf: &'v Bsdf,
+    bsdf: &'v Layered,
     wo: Vec3,
     /// Absorption coefficients on the viewer's side and on the far side, 1/m.
     media: [Vec3; 2],

@@ -4,6 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
+use super::layers::{Coat, Layered};
 use super::texture::Textures;
 use crate::scene::model::geometry::Vertex;
 use crate::scene::{Boundary, Geometry, Material, NormalMap, Opacity, Scene, Sides};
@@ -55,6 +56,8 @@ pub struct Surface<'s> {
     pub normal: Vec3,
     /// Basis around the shading normal on the viewer's side.
     pub frame: Frame,
+    /// Normal of the coat on the viewer's side; without one, that of the mesh.
+    pub coat_normal: Vec3,
     /// True if the viewer sees the counter-clockwise side.
     pub front: bool,
     /// Both sets of texture coordinates.
@@ -169,26 +172,28 @@ impl<'s> Surfaces<'s> {
         let front = flat.dot(direction) < 0.0;
         let side = if front { 1.0 } else { -1.0 };
         let uvs = self.uvs(hit);
-        let mut shading = hit.mix(corners.map(|c| c.normal)).try_normalize().unwrap_or(flat);
+        let smooth = hit.mix(corners.map(|c| c.normal)).try_normalize().unwrap_or(flat);
         let index = self.geometry.materials[hit.triangle as usize] as usize;
         let material = &self.materials[index];
-        if let Some(map) = &material.normal_map {
+        let bent = |map: &Option<NormalMap>| {
+            let Some(map) = map else { return smooth };
             let tangent = hit.mix(corners.map(|c| c.tangent.truncate()));
             let handedness = corners[0].tangent.w;
             let tangent = if handedness == 0.0 {
                 let set = map.texture.uv_set as usize & 1;
-                tangent_from_uv(corners.map(|c| c.position), corners.map(|c| c.uvs[set]), shading)
+                tangent_from_uv(corners.map(|c| c.position), corners.map(|c| c.uvs[set]), smooth)
             } else {
                 Some((tangent, handedness))
             };
-            if let Some((tangent, handedness)) = tangent {
-                shading = bend(map, &self.textures, uvs, shading, tangent, handedness);
-            }
-        }
+            tangent.map_or(smooth, |(tangent, handedness)| bend(map, &self.textures, uvs, smooth, tangent, handedness))
+        };
+        let shading = bent(&material.normal_map);
+        let coat = material.coat.as_ref().map_or(smooth, |coat| bent(&coat.normal_map));
         Surface {
             position: hit.mix(corners.map(|c| c.position)),
             normal: flat * side,
             frame: Frame::new(shading * side),
+            coat_normal: coat * side,
             front,
             uvs,
             vertex_color: hit.mix(corners.map(|c| c.color.truncate())),
@@ -196,12 +201,16 @@ impl<'s> Surfaces<'s> {
         }
     }
 
-    /// Returns the BSDF of a surface; none for the black back of a one-sided material.
+    /// Returns the BSDF of a surface with the layers on top of it; none for the black back of a one-sided
+    /// material.
     #[must_use]
-    pub fn bsdf(&self, surface: &Surface) -> Option<Bsdf> {
+    pub fn bsdf(&self, surface: &Surface) -> Option<Layered> {
         let (index, material) = surface.material;
         let counts = surface.front || material.sides == Sides::Two || material.bsdf.transmits();
-        counts.then(|| Bsdf::new(material, self.prepared[index], &self.textures, surface))
+        counts.then(|| Layered {
+            base: Bsdf::new(material, self.prepared[index], &self.textures, surface),
+            coat: material.coat.as_ref().map(|coat| Coat::new(coat, &self.textures, surface)),
+        })
     }
 }
 

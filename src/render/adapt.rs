@@ -50,8 +50,10 @@ fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
     }
     let used = |index: usize| scene.instances.iter().any(|i| scene.meshes[i.mesh].material == index);
     let needed = |material: &Material| {
-        let (alpha, fresnel) = material.bsdf.lobe()?;
-        Some((0.5 * settings.samples_per_lobe() * fresnel / (alpha * alpha).max(1e-6)).ceil())
+        let samples = |(alpha, fresnel): (f32, f32)| {
+            (0.5 * settings.samples_per_lobe() * fresnel / (alpha * alpha).max(1e-6)).ceil()
+        };
+        material.lobes().map(samples).reduce(f32::max)
     };
     let few = settings.samples as f32;
     let materials = scene.materials.iter().enumerate().filter_map(|(index, m)| Some((index, m, needed(m)?)));

@@ -3,6 +3,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::gpu::Flag;
+
 macro_rules! layouts {
     ($($(#[$doc:meta])* struct $name:ident in $shader:literal { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* })*) => {
         $(
@@ -196,6 +198,18 @@ layouts! {
         transmission_texture: u32,
         absorption: [f32; 3],
         transmission: f32,
+    }
+
+    /// Layers on top of a material.
+    struct Layers in "subpaths/eye_paths" {
+        coat: f32,
+        coat_roughness: f32,
+        coat_normal_scale: f32,
+        coat_texture: u32,
+        coat_roughness_texture: u32,
+        coat_normal_texture: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// One use of a texture by a material.
@@ -488,6 +502,14 @@ impl Attributes {
     }
 }
 
+impl LightVertex {
+    /// Returns the bytes of a vertex in shaders with these flags. Its BSDF ends with those of layers.
+    #[must_use]
+    pub fn bytes(flags: &[Flag]) -> usize {
+        size_of::<Self>() + if flags.contains(&Flag::Coat) { 32 } else { 0 }
+    }
+}
+
 impl EyeVertex {
     /// Returns the bytes per pixel. With `demodulated` a vertex holds the part of the throughput that the
     /// diffuse base of z1 contributes, with `transmits` the medium before it, with `caustics` the densities of
@@ -510,11 +532,13 @@ impl SelectedLight {
 }
 
 impl Shading {
-    /// Returns the bytes per pixel.
+    /// Returns the bytes per pixel in shaders with these flags.
     #[must_use]
-    pub fn bytes(glossy: bool, transmits: bool) -> u64 {
+    pub fn bytes(flags: &[Flag]) -> u64 {
+        let glossy = flags.contains(&Flag::Glossy);
         let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
-        (bytes + if transmits { 16 } else { 0 }) as u64
+        let parts = [Flag::Transmission, Flag::Coat].iter().filter(|flag| flags.contains(flag)).count();
+        (bytes + 16 * parts) as u64
     }
 }
 

@@ -81,6 +81,22 @@ fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
     }
 }
 
+/// Compares `shared`, which widens no lobe here, with the reference.
+fn shared_agrees(name: &str, scene: &Scene, bounces: u32) {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let settings = settings(Technique::RASTER, SIDE, 64, bounces);
+    let mut renderer = open(gpu, scene, &settings).unwrap();
+    let films: Vec<_> = (1..=PICTURES)
+        .map(|seed| {
+            renderer.restart(seed);
+            common::picture(&mut *renderer, settings.samples.into())
+        })
+        .collect();
+    let verdict = compare(&films, &references(scene, &settings, 64), Look::Blocks);
+    println!("{name}, shared: {verdict:?}");
+    assert!(verdict.agrees(), "{name}, shared: {verdict:?}");
+}
+
 #[test]
 fn cornell_boxes_agree_with_the_reference() {
     for name in ["point", "area", "env"] {
@@ -92,6 +108,12 @@ fn cornell_boxes_agree_with_the_reference() {
 fn reflection_agrees_with_the_reference() {
     agrees("reflecting", &scenes::reflecting(), SIDE, 3);
     agrees("mirrors", &scenes::mirrors(), SIDE, 3);
+}
+
+#[test]
+fn layers_agree_with_the_reference() {
+    agrees("coats", &scenes::coats(), SIDE, 3);
+    shared_agrees("coats", &scenes::coats(), 2);
 }
 
 #[test]

@@ -2,8 +2,8 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Boundary, Bsdf, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh, NormalMap,
-    Opacity, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Boundary, Bsdf, Coat, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh,
+    NormalMap, Opacity, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -105,6 +105,24 @@ pub fn mirrors() -> Scene {
         plastic(0.0),
         gltf(0.0, 0.5, 0.0, Boundary::Sheet),
         conductor(0.0, Fresnel::None),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a material under a coat.
+pub fn coated(roughness: f32, material: Material) -> Material {
+    let coat = Coat { weight: 0.9.into(), roughness: roughness.into(), normal_map: None };
+    Material { coat: Some(coat), ..material }
+}
+
+/// Returns coats, smooth and rough, on rough and smooth metal, on plastic and on a diffuse ball.
+pub fn coats() -> Scene {
+    let mut scene = balls([
+        coated(0.0, conductor(0.3, Fresnel::None)),
+        coated(0.4, Material::diffuse("", Vec3::new(0.8, 0.3, 0.2))),
+        coated(0.5, conductor(0.0, Fresnel::None)),
+        coated(0.0, gltf(0.5, 0.5, 0.0, Boundary::Sheet)),
     ]);
     lamp(&mut scene, 3.0, false);
     scene

@@ -262,6 +262,55 @@ fn reflection() {
     }
 }
 
+/// Returns a coat of a width, and one that has no weight every now and then.
+fn coat(width: f32, random: &mut Random) -> Option<Coat> {
+    let weight = [0.0, 1.0, random.unit()][random.below(3)];
+    Some(Coat { weight: weight.into(), roughness: width.sqrt().into(), normal_map: None })
+}
+
+#[test]
+fn coats() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(13);
+    let flags = [Flag::Glossy, Flag::Coat];
+    for (low, high) in [(0.1, 1.0), (0.01, 0.1)] {
+        let materials = (0..200)
+            .map(|i| {
+                let width = low * f32::powf(high / low, random.unit());
+                Material { coat: coat(width, &mut random), ..material(i % 4, width, &mut random) }
+            })
+            .collect();
+        let scene = scene_of(materials, false, &mut random);
+        let [values, ..] = surfaces(gpu, &scene, &flags, 1e-2, &mut random);
+        compare(&format!("coats, width {low} to {high}"), PLASTIC, &values);
+        let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy], 1e-2, &mut random);
+        let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, PLASTIC)).count();
+        assert!(off * 4 > bare.len(), "coats do nothing: {off}");
+    }
+
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let linear: Vec<usize> =
+        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let any = |random: &mut Random| reference_to(linear[random.below(linear.len() as u64)], random);
+    let materials = (0..200)
+        .map(|i| {
+            let mut scalar = |factor: f32| Scalar { factor, texture: Some((any(&mut random), i % 4)) };
+            let (weight, roughness) = (scalar(1.0), 0.7.into());
+            let map = |random: &mut Random| {
+                (random.bits() & 1 == 0).then(|| NormalMap { texture: any(random), scale: random.between(0.1, 0.5) })
+            };
+            let coat = Some(Coat { weight, roughness, normal_map: map(&mut random) });
+            Material { coat, normal_map: map(&mut random), ..material(i as usize % 4, 0.5, &mut random) }
+        })
+        .collect();
+    let mut scene = scene_of(materials, false, &mut random);
+    (scene.images, scene.textures) = (textures.images, textures.textures);
+    let flags = [Flag::Glossy, Flag::Coat, Flag::Textures];
+    let [values, ..] = surfaces(gpu, &scene, &flags, 0.25, &mut random);
+    compare("textured coats", FILTERED, &from_one(&values));
+}
+
 #[test]
 fn vertex_colors() {
     let Some(gpu) = common::gpu() else { return };

@@ -131,7 +131,7 @@ impl Frame {
             rsm_of: None,
             gbuffer_camera: None,
             uniform: FrameUniform::default(),
-            light_vertices: gpu.storage("light_vertices", 2 * size_of::<layouts::LightVertex>() as u64),
+            light_vertices: gpu.storage("light_vertices", 2 * layouts::LightVertex::bytes(&plan.surface_flags) as u64),
             log: gpu.storage("log", 8 + 8 * views.slots() as u64),
             views,
             plan: plan.clone(),

@@ -60,7 +60,7 @@ impl PixelBuffers {
                 "eye_vertices",
                 pixels * layouts::EyeVertex::bytes(grid.layered && glossy, transmits, plan.caustics),
             ),
-            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(glossy, transmits)),
+            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(&plan.surface_flags)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
             converged: plan.adaptive.then(|| ConvergedTiles::new(gpu, grid.size[0], grid.size[1])),

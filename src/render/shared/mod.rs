@@ -313,9 +313,11 @@ impl Renderer for SharedRenderer<'_> {
 
     fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
         let count = self.plan.light_vertices.saturating_sub(1) as usize;
-        let vertices: Vec<LightVertex> = read_back(self.gpu, &self.frame.light_vertices, count)?;
+        let stride = LightVertex::bytes(&self.plan.surface_flags);
+        let bytes: Vec<u8> = read_back(self.gpu, &self.frame.light_vertices, count * stride)?;
+        let vertex = |bytes: &[u8]| bytemuck::pod_read_unaligned::<LightVertex>(&bytes[..size_of::<LightVertex>()]);
         // Vertices of subpaths that ended earlier have zero throughput.
-        let traced = vertices.iter().filter(|v| v.throughput != [0.0; 3]);
+        let traced = bytes.chunks_exact(stride).map(vertex).filter(|v| v.throughput != [0.0; 3]);
         Ok(traced.map(|v| Vec3::from(v.position)).collect())
     }
 

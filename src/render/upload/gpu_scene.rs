@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::gpu::{Flag, Gpu, GpuError};
 use crate::render::layouts;
 use crate::render::lights::table::LightTable;
-use crate::render::upload::materials::material;
+use crate::render::upload::materials::{layers, material};
 use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
 use crate::render::visibility::tracer::{TracedScene, Tracer, Tracing};
@@ -32,6 +32,8 @@ pub struct GpuScene {
     pub attributes: wgpu::Buffer,
     triangle_buffer: wgpu::Buffer,
     materials: wgpu::Buffer,
+    /// Layers on top of materials, if shaders read them.
+    layers: Option<wgpu::Buffer>,
     textures: Option<Textures>,
     /// True if vertices have tangents and texture coordinates.
     textured: bool,
@@ -86,6 +88,9 @@ impl GpuScene {
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
+        let layers: Vec<_> = scene.materials.iter().map(|m| layers(m, scene, &mut atlas)).collect();
+        let has_layers = flags.contains(&Flag::Coat);
+        let layers = has_layers.then(|| gpu.upload("layers", &layers));
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");
         gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
         let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
@@ -99,6 +104,7 @@ impl GpuScene {
             [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
         bytes += tables.iter().map(|(_, table)| table.size()).sum::<u64>();
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
+        bytes += layers.as_ref().map_or(0, wgpu::Buffer::size);
         let textures = atlas.finish(gpu);
         bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
         let mut this = Self {
@@ -113,6 +119,7 @@ impl GpuScene {
             attributes,
             triangle_buffer,
             materials,
+            layers,
             textures,
             environment_map,
             lighting,
@@ -167,6 +174,7 @@ impl GpuScene {
             ("materials", self.materials.as_entire_binding()),
             ("lighting", self.lighting.as_entire_binding()),
         ];
+        all.extend(self.layers.iter().map(|layers| ("layers", layers.as_entire_binding())));
         if let Some(textures) = &self.textures {
             all.extend([
                 ("texture_uses", textures.uses.as_entire_binding()),

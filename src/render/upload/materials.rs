@@ -27,6 +27,10 @@ pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layout
         ..Default::default()
     };
     write_bsdf(&mut out, &m.bsdf, scene, atlas);
+    if m.is_glossy() && out.model == bsdf_model::DIFFUSE {
+        // A diffuse surface under layers is a dielectric without reflection.
+        (out.model, out.roughness, out.specular_factor) = (bsdf_model::METALLIC_ROUGHNESS, 1.0, 0.0);
+    }
     if let Some(emission) = &m.emission {
         (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);
         if emission.two_sided {
@@ -61,6 +65,25 @@ pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layout
         Sides::One => 0,
         Sides::OneCulled => CULLED,
     };
+    out
+}
+
+/// Returns the record of the layers on top of a material, and adds their textures to the atlas.
+pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
+    let mut out = layouts::Layers {
+        coat_texture: NONE,
+        coat_roughness_texture: NONE,
+        coat_normal_texture: NONE,
+        ..Default::default()
+    };
+    if let Some(coat) = &m.coat {
+        (out.coat, out.coat_texture) = atlas.scalar(scene, &coat.weight);
+        (out.coat_roughness, out.coat_roughness_texture) = atlas.scalar(scene, &coat.roughness);
+        if let Some(normal_map) = &coat.normal_map {
+            out.coat_normal_texture = atlas.add(scene, &normal_map.texture, 0);
+            out.coat_normal_scale = normal_map.scale;
+        }
+    }
     out
 }
 

@@ -187,6 +187,27 @@ pub struct NormalMap {
     pub scale: f32,
 }
 
+/// A layer of clear varnish on top of a surface, base and normal map included (KHR_materials_clearcoat): a
+/// dielectric of index 1.5 with a GGX lobe of its own.
+///
+/// f = w F D G2 / (4 cos cos) + min(1 - w F(cos_i), 1 - w F(cos_o)) f_below, with Schlick's F and w the weight. The
+/// extension scales what lies below by the outgoing direction alone; the smaller of both factors is
+/// reciprocal, as the scaling of KHR_materials_sheen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coat {
+    /// Share of the surface that is coated.
+    pub weight: Scalar,
+    /// Perceptual roughness, the square root of the GGX width.
+    pub roughness: Scalar,
+    /// Perturbation of the coat's own normal; without it, the coat follows the mesh's normals.
+    pub normal_map: Option<NormalMap>,
+}
+
+impl Coat {
+    /// Reflectance at normal incidence, of the index 1.5.
+    pub const F0: f32 = 0.04;
+}
+
 /// Partial presence of a surface. Its alpha is factor times the texture's channel (0 red to 3 alpha) times
 /// vertex alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -251,6 +272,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
+    /// Varnish on top of it, if any.
+    pub coat: Option<Coat>,
     /// Partial presence; none for a surface without holes.
     pub opacity: Option<Opacity>,
     /// Behaviour of the back side.
@@ -267,9 +290,31 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
+            coat: None,
             opacity: None,
             sides: Sides::Two,
             boundary: Boundary::Volume { absorption: Vec3::ZERO },
         }
+    }
+
+    /// Returns true if the surface does more than reflect diffusely.
+    #[must_use]
+    pub fn is_glossy(&self) -> bool {
+        !matches!(self.bsdf, Bsdf::Diffuse { .. }) || self.coat.is_some()
+    }
+
+    /// Returns the texture whose coordinates define the mesh's tangents, if the material needs tangents.
+    #[must_use]
+    pub fn tangent_texture(&self) -> Option<&TextureRef> {
+        let coat = self.coat.as_ref().and_then(|coat| coat.normal_map.as_ref());
+        self.normal_map.as_ref().or(coat).map(|map| &map.texture)
+    }
+
+    /// Returns GGX width and reflectance at normal incidence of each specular lobe, without those that have a
+    /// roughness texture.
+    pub fn lobes(&self) -> impl Iterator<Item = (f32, f32)> {
+        let coat = self.coat.as_ref().filter(|coat| coat.roughness.texture.is_none());
+        let coat = coat.map(|coat| (coat.roughness.factor.powi(2), Coat::F0 * coat.weight.factor));
+        self.bsdf.lobe().into_iter().chain(coat)
     }
 }

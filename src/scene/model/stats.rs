@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if any surface has a coat.
+    pub coats: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
     /// (shaders/denoise/filter.wesl).
     pub narrow_metals: bool,
@@ -117,9 +119,10 @@ impl SceneStats {
             emissive_triangles,
             environment: scene.environment.is_some(),
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
-            glossy_triangles: count(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. })),
+            glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.bsdf.transmits()) > 0,
+            coats: count(&|m| m.coat.is_some()) > 0,
             narrow_metals: count(&is_narrow_metal) > 0,
             masked_triangles: count(&|m| m.opacity.is_some()),
             blended_triangles: count(&|m| m.opacity.is_some_and(|opacity| opacity.is_blended())),
@@ -171,7 +174,7 @@ fn is_narrow_metal(material: &Material) -> bool {
     }
 }
 
-/// Returns the share of a material's texels whose lobe is perfectly smooth.
+/// Returns the share of a material's texels whose lobe, or whose coat, is perfectly smooth.
 fn smooth_share(material: &Material, scene: &Scene) -> f32 {
     // `width` is roughness or alpha, and `alpha` the second as a function of the first.
     let share = |width: &Scalar, alpha: fn(f32) -> f32| {
@@ -181,13 +184,16 @@ fn smooth_share(material: &Material, scene: &Scene) -> f32 {
         let smooth = texels.par_iter().filter(|texel| is_smooth(texel[channel as usize])).count();
         smooth as f32 / texels.len().max(1) as f32
     };
-    match &material.bsdf {
+    let squared: fn(f32) -> f32 = |roughness| roughness.powi(2);
+    let coat = material.coat.as_ref().map_or(0.0, |coat| share(&coat.roughness, squared));
+    let lobe = match &material.bsdf {
         Bsdf::Diffuse { .. } => 0.0,
-        Bsdf::MetallicRoughness { roughness, .. } => share(roughness, |roughness| roughness.powi(2)),
+        Bsdf::MetallicRoughness { roughness, .. } => share(roughness, squared),
         Bsdf::Conductor { alpha, .. } | Bsdf::Plastic { alpha, .. } | Bsdf::Dielectric { alpha, .. } => {
             share(alpha, |alpha| alpha)
         }
-    }
+    };
+    lobe.max(coat)
 }
 
 /// Returns true if a material is emissive.

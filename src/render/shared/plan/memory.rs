@@ -59,7 +59,7 @@ impl FramePlan {
         let radiance = if layered { 48 } else { 16 };
         let per_band_pixel = selected
             + layouts::EyeVertex::bytes(demodulated, self.transmits(), self.caustics)
-            + layouts::Shading::bytes(self.glossy(), self.transmits())
+            + layouts::Shading::bytes(&self.surface_flags)
             + radiance;
         let film = if layered { self.denoise().bytes() } else { pixels * film::DEVICE_BYTES };
         let converged = if self.adaptive { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };

@@ -103,6 +103,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
+            coat: None,
             opacity: opacity(file, &place, material, base_color_texture)?,
             // Transmitted light reaches both sides.
             sides: if two_sided || transmission.factor > 0.0 { Sides::Two } else { Sides::OneCulled },

@@ -1,0 +1,170 @@
+//! Layers on top of a BSDF: a coat (KHR_materials_clearcoat).
+//!
+//! Directions are those of [`super::bsdf`]. The coat is a microfacet lobe with a normal of its own, relative to
+//! which its cosines are measured. What lies below is scaled by min(1 - E(wo), 1 - E(wi)) with the coat's
+//! albedo E, so that no direction gains energy and both get the same factor.
+
+use glam::{Vec2, Vec3};
+
+use super::bsdf::{Bsdf, Sample};
+use super::environment::LUMINANCE;
+use super::microfacet::{self as ggx, schlick_weight};
+use super::surface::{Frame, Surface};
+use super::texture::Textures;
+use crate::scene::{self, SMOOTH};
+
+/// A coat after texture look-up.
+#[derive(Clone, Copy, Debug)]
+pub struct Coat {
+    /// Share of the surface that is coated.
+    pub weight: f32,
+    /// GGX width.
+    pub alpha: f32,
+    /// Basis around the coat's normal, in the frame of the base.
+    pub frame: Frame,
+}
+
+impl Coat {
+    /// Evaluates a coat's textures at a surface.
+    #[must_use]
+    pub fn new(coat: &scene::Coat, textures: &Textures, surface: &Surface) -> Self {
+        Self {
+            weight: textures.scalar(&coat.weight, surface.uvs),
+            alpha: textures.scalar(&coat.roughness, surface.uvs).powi(2),
+            frame: Frame::new(surface.frame.local(surface.coat_normal)),
+        }
+    }
+
+    /// Returns the reflectance at a cosine.
+    fn reflectance(&self, cos: f32) -> f32 {
+        let f0 = scene::Coat::F0;
+        self.weight * (f0 + (1.0 - f0) * schlick_weight(cos))
+    }
+
+    /// Returns the albedo along a direction on either side.
+    fn albedo(&self, w: Vec3) -> f32 {
+        self.reflectance(self.frame.z.dot(w).abs())
+    }
+
+    /// Returns the factor of what lies below.
+    fn scaling(&self, wo: Vec3, wi: Vec3) -> f32 {
+        (1.0 - self.albedo(wo)).min(1.0 - self.albedo(wi))
+    }
+
+    /// Returns value and density without those of a smooth lobe, which is sampled alone.
+    fn evaluate(&self, wo: Vec3, wi: Vec3) -> (f32, f32) {
+        let (wo, wi) = (self.frame.local(wo), self.frame.local(wi));
+        if self.alpha < SMOOTH || wo.z <= 0.0 || wi.z <= 0.0 {
+            return (0.0, 0.0);
+        }
+        let h = (wo + wi).normalize();
+        let lobe = ggx::d(h, self.alpha) * ggx::g2(wo, wi, self.alpha) / (4.0 * wo.z);
+        (self.reflectance(h.dot(wo)) * lobe, ggx::reflection_pdf_w(wo, h, self.alpha))
+    }
+
+    /// Samples a direction of the coat, on the right side of its own normal.
+    fn sample(&self, wo: Vec3, u: Vec2) -> Option<Vec3> {
+        let wo = self.frame.local(wo);
+        let h = if self.alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, self.alpha, u) };
+        let wi = h * (2.0 * wo.dot(h)) - wo;
+        (wi.z > 0.0).then(|| self.frame.world(wi))
+    }
+}
+
+/// A BSDF under layers.
+#[derive(Clone, Copy, Debug)]
+pub struct Layered {
+    /// What lies below.
+    pub base: Bsdf,
+    /// The coat, if there is one.
+    pub coat: Option<Coat>,
+}
+
+impl From<Bsdf> for Layered {
+    fn from(base: Bsdf) -> Self {
+        Self { base, coat: None }
+    }
+}
+
+impl Layered {
+    /// Returns the directional albedo along `wo`, as [`Bsdf::albedo`].
+    #[must_use]
+    pub fn albedo(&self, wo: Vec3) -> Vec3 {
+        let coat = self.coat.map_or(0.0, |coat| coat.albedo(wo));
+        self.base.albedo(wo) * (1.0 - coat) + coat
+    }
+
+    /// Returns true if the surface transmits light.
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        self.base.transmits()
+    }
+
+    /// Returns true if all lobes are specular, so that next-event estimation cannot contribute.
+    #[must_use]
+    pub fn smooth(&self, wo: Vec3) -> bool {
+        self.base.smooth(wo) && self.coat.is_none_or(|coat| coat.alpha < SMOOTH || coat.weight == 0.0)
+    }
+
+    /// Returns the coat and the probability of sampling it; none if the viewer does not see it.
+    fn seen_coat(&self, wo: Vec3) -> Option<(Coat, f32)> {
+        let coat = self.coat.filter(|coat| coat.weight > 0.0)?;
+        if wo.z <= 0.0 || coat.frame.z.dot(wo) <= 0.0 {
+            return None;
+        }
+        let reflected = coat.albedo(wo);
+        let below = (1.0 - reflected) * self.base.albedo(wo).dot(LUMINANCE);
+        Some((coat, reflected / (reflected + below)))
+    }
+
+    /// Returns f |cos_i| and the density per solid angle for a pair of directions, without specular lobes.
+    #[must_use]
+    pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (mut value, mut pdf_w) = self.base.evaluate(wo, wi);
+        value *= self.coat.map_or(1.0, |coat| coat.scaling(wo, wi));
+        if let Some((coat, probability)) = self.seen_coat(wo) {
+            pdf_w *= 1.0 - probability;
+            if wi.z > 0.0 {
+                let (of_coat, coat_pdf_w) = coat.evaluate(wo, wi);
+                value += of_coat;
+                pdf_w += probability * coat_pdf_w;
+            }
+        }
+        (value, pdf_w)
+    }
+
+    /// Samples a direction; none if it is on the wrong side of the surface. `fork` is a third random number
+    /// for surfaces that transmit.
+    #[must_use]
+    pub fn sample(&self, wo: Vec3, mut u: Vec2, fork: f32) -> Option<Sample> {
+        let Some((coat, probability)) = self.seen_coat(wo) else {
+            let sample = self.base.sample(wo, u, fork)?;
+            let scaling = self.coat.map_or(1.0, |coat| coat.scaling(wo, sample.wi));
+            return Some(Sample { weight: sample.weight * scaling, ..sample });
+        };
+        let rough = |wi: Vec3, eta: f32| {
+            let (value, pdf_w) = self.evaluate(wo, wi);
+            (pdf_w > 0.0).then(|| Sample { wi, weight: value / pdf_w, pdf_w: Some(pdf_w), eta })
+        };
+        // One random number chooses the layer and, rescaled, samples it.
+        let chance = u.x;
+        if chance < probability {
+            u.x = (chance / probability).min(1.0 - f32::EPSILON / 2.0);
+            let wi = coat.sample(wo, u).filter(|wi| wi.z > 0.0)?;
+            if coat.alpha < SMOOTH {
+                let weight = Vec3::splat(coat.albedo(wo) / probability);
+                return Some(Sample { wi, weight, pdf_w: None, eta: 1.0 });
+            }
+            return rough(wi, 1.0);
+        }
+        u.x = ((chance - probability) / (1.0 - probability)).min(1.0 - f32::EPSILON / 2.0);
+        let sample = self.base.sample(wo, u, fork)?;
+        match sample.pdf_w {
+            Some(_) => rough(sample.wi, sample.eta),
+            None => {
+                let weight = sample.weight * (coat.scaling(wo, sample.wi) / (1.0 - probability));
+                Some(Sample { weight, ..sample })
+            }
+        }
+    }
+}
