@@ -43,6 +43,9 @@ pub struct ViewArgs {
     /// Animation for --at and --frames, by its name or its index from 0 [default: the first]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = ANIMATION)]
     pub animation: Option<String>,
+    /// Variant of the materials of a glTF file (KHR_materials_variants) [default: the file's own materials]
+    #[arg(long, value_name = "NAME", help_heading = SCENE)]
+    pub variant: Option<String>,
     /// Environment in place of the scene's own: an equirectangular image (.hdr, .exr);
     /// sky:ELEVATION[,TURBIDITY], a clear sky over grey ground with the sun in the direction of +Z, ELEVATION
     /// in degrees above the horizon, TURBIDITY 1 to 10, default 3; studio, soft light from three sides; or
@@ -81,6 +84,7 @@ impl GradeArgs {
 const CAMERA: &str = "Camera";
 pub const ANIMATION: &str = "Animation";
 const ENVIRONMENT: &str = "Environment";
+const SCENE: &str = "Scene";
 
 /// Loaded scene with its completed settings.
 pub struct View {
@@ -126,7 +130,8 @@ impl ViewArgs {
             Some(name) => CameraChoice::Named(name.to_owned()),
         };
         let eye_and_target = self.eye.zip(self.target).map(|(eye, target)| [eye, target]);
-        Ok(Staging { environment: self.environment()?, camera, eye_and_target, size })
+        let variant = self.variant.clone();
+        Ok(Staging { variant, environment: self.environment()?, camera, eye_and_target, size })
     }
 
     /// Poses the scene by the selected animation at a time in seconds. Errors name `option`.

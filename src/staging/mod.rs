@@ -1,6 +1,6 @@
 //! Completes a scene with a camera and light if its file has none.
 //!
-//! [`load`] reads a file ([`crate::scene::load_under`]) and completes it. [`camera`] chooses the camera;
+//! [`load`] reads a file ([`crate::scene::load_with`]) and completes it. [`camera`] chooses the camera;
 //! [`light`] chooses light for scenes without any, or without any that illuminates the camera's view. Both
 //! use the CPU reference with about ten thousand rays. A scene that has both is not changed.
 
@@ -18,6 +18,8 @@ use self::light::Added;
 /// Options for completing a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Staging {
+    /// Variant of the file's materials; without a name, the file's own choice.
+    pub variant: Option<String>,
     /// Environment in place of the file's own.
     pub environment: EnvironmentChange,
     /// Camera that will be used: the automatic one or one of the file's; the first if the chosen one does not
@@ -32,7 +34,7 @@ pub struct Staging {
 impl Default for Staging {
     fn default() -> Self {
         let environment = EnvironmentChange::default();
-        Self { environment, camera: CameraChoice::default(), eye_and_target: None, size: [1, 1] }
+        Self { variant: None, environment, camera: CameraChoice::default(), eye_and_target: None, size: [1, 1] }
     }
 }
 
@@ -67,9 +69,9 @@ impl CameraChoice {
 /// Loads and completes a scene: the result has a camera and, unless the options exclude it, light.
 ///
 /// # Errors
-/// Returns an error under the conditions of [`scene::load_under`].
+/// Returns an error under the conditions of [`scene::load_with`].
 pub fn load(spec: &str, staging: &Staging) -> Result<Scene, LoadError> {
-    let mut scene = scene::load_under(spec, &staging.environment)?;
+    let mut scene = scene::load_with(spec, staging.variant.as_deref(), &staging.environment)?;
     complete(&mut scene, staging)?;
     Ok(scene)
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use base64::Engine as _;
 use common::shared;
 use glam::{Vec2, Vec3, Vec4};
-use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Opacity, Projection, Scene, Sides};
+use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Opacity, Projection, Scalar, Scene, Sides};
 use serde_json::{Value, json};
 
 /// Time limit for one file.
@@ -491,12 +491,12 @@ fn materials_say_what_the_file_says() {
         { "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": { "KHR_materials_specular": { "specularFactor": 0 } } },
         { "pbrMetallicRoughness": { "baseColorFactor": [1, 0, 0, 0.7] }, "alphaMode": "BLEND", "extensions": { "KHR_materials_unlit": {} } },
     ]);
-    draft.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_materials_clearcoat"]);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_unlit", "KHR_materials_hair"]);
     let scene = draft.load("special.gltf");
     assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { .. }));
     assert_eq!(scene.materials[1].emission.unwrap().radiance.factor, Vec3::X);
     assert_eq!(scene.materials[1].opacity, Some(Opacity::Blended { value: 0.7.into() }));
-    for part in ["unlit", "KHR_materials_clearcoat is not supported"] {
+    for part in ["unlit", "KHR_materials_hair is not supported"] {
         assert!(warned(&scene, part), "{:?} lacks {part}", scene.warnings);
     }
     assert!(!warned(&scene, "KHR_materials_unlit is not supported"));
@@ -505,6 +505,112 @@ fn materials_say_what_the_file_says() {
     draft.data[offset as usize] = 0;
     draft.json["materials"][0]["emissiveTexture"] = json!({ "index": 0 });
     draft.refused("image.gltf", "images[0]", "the image");
+}
+
+#[test]
+fn layers_are_read() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    let view = draft.view(&bmp());
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["textures"] = json!([{ "source": 0 }]);
+    let transform = json!({ "KHR_texture_transform": { "offset": [0.5, 0.25] } });
+    draft.json["materials"] = json!([{ "extensions": { "KHR_materials_clearcoat": {
+        "clearcoatFactor": 0.5, "clearcoatTexture": { "index": 0 },
+        "clearcoatRoughnessFactor": 2.0, "clearcoatRoughnessTexture": { "index": 0, "texCoord": 1 },
+        "clearcoatNormalTexture": { "index": 0, "scale": 0.5, "extensions": transform },
+    } } }]);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_clearcoat"]);
+    let scene = draft.load("coat.gltf");
+    let coat = scene.materials[0].coat.unwrap();
+    assert_eq!((coat.weight.factor, coat.roughness.factor), (0.5, 1.0));
+    let channel = |value: Scalar| value.texture.map(|(texture, channel)| (texture.uv_set, channel));
+    assert_eq!((channel(coat.weight), channel(coat.roughness)), (Some((0, 0)), Some((1, 1))));
+    let map = coat.normal_map.unwrap();
+    assert_eq!((map.scale, map.texture.transform.translation), (0.5, Vec2::new(0.5, 0.25)));
+    assert!(warned(&scene, "clearcoatRoughnessFactor: a value of 2"), "{:?}", scene.warnings);
+    assert!(!warned(&scene, "not supported"), "{:?}", scene.warnings);
+
+    // A coat without weight is none.
+    draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"] = json!(0);
+    assert_eq!(draft.load("no_coat.gltf").materials[0].coat, None);
+    draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"]["clearcoatTexture"]["index"] = json!(7);
+    draft.refused("dangling.gltf", "KHR_materials_clearcoat", "textures[7]");
+    draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": "much" });
+    draft.refused("text.gltf", "materials[0].KHR_materials_clearcoat", "invalid type");
+}
+
+#[test]
+fn specular_and_glossiness_are_converted() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    let pbr = |textures: bool| {
+        let mut pbr = json!({
+            "diffuseFactor": [0.1, 0.2, 0.3, 0.5], "specularFactor": [0.9, 0.5, 0.2], "glossinessFactor": 0.75,
+        });
+        if textures {
+            pbr["diffuseTexture"] = json!({ "index": 0 });
+            pbr["specularGlossinessTexture"] = json!({ "index": 0 });
+        }
+        let extensions = json!({ "KHR_materials_pbrSpecularGlossiness": pbr });
+        json!([{ "pbrMetallicRoughness": { "metallicFactor": 1 }, "alphaMode": "BLEND", "extensions": extensions }])
+    };
+    draft.json["extensionsUsed"] = json!(["KHR_materials_pbrSpecularGlossiness"]);
+    draft.json["materials"] = pbr(false);
+    let scene = draft.load("gloss.gltf");
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, .. } =
+        scene.materials[0].bsdf
+    else {
+        panic!("{:?}", scene.materials[0].bsdf);
+    };
+    assert_eq!((base_color.factor, metallic.factor, roughness.factor), (Vec3::new(0.1, 0.2, 0.3), 0.0, 0.25));
+    // The reflectance at normal incidence is ((ior - 1) / (ior + 1))^2 times the colour.
+    assert_eq!((ior, specular.factor, specular_color.factor), (0.0, 1.0, Vec3::new(0.9, 0.5, 0.2)));
+    assert_eq!(scene.materials[0].opacity, Some(Opacity::Blended { value: 0.5.into() }));
+
+    // The image has no alpha, so that its glossiness is 1: the roughness is 1 - 0.75.
+    let view = draft.view(&bmp());
+    draft.attribute("TEXCOORD_0", "VEC2", &[0., 0., 1., 0., 0., 1.]);
+    draft.json["images"] = json!([{ "bufferView": view, "mimeType": "image/bmp" }]);
+    draft.json["textures"] = json!([{ "source": 0 }]);
+    draft.json["materials"] = pbr(true);
+    let scene = draft.load("glossy_texture.gltf");
+    let Bsdf::MetallicRoughness { roughness, specular_color, .. } = scene.materials[0].bsdf else { unreachable!() };
+    let (texture, channel) = roughness.texture.unwrap();
+    assert_eq!((roughness.factor, channel), (1.0, 3));
+    let image = |texture: usize| &scene.images[scene.textures[texture].image];
+    assert_eq!(image(texture.texture).texels[0], [128, 128, 128, 64]);
+    assert_eq!(image(specular_color.texture.unwrap().texture).texels[0], [128, 128, 128, 255]);
+}
+
+#[test]
+fn variants_pick_materials_by_name() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    draft.json["materials"] = json!([{ "name": "plain" }, { "name": "red" }]);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_variants"]);
+    draft.json["extensions"] =
+        json!({ "KHR_materials_variants": { "variants": [{ "name": "day" }, { "name": "dusk" }] } });
+    let mappings = json!([{ "material": 1, "variants": [1] }]);
+    draft.primitive()["extensions"] = json!({ "KHR_materials_variants": { "mappings": mappings } });
+    let path = draft.write("variants.gltf");
+    let material = |name: Option<&str>| {
+        let scene = scene::load::gltf::load(&path, name).unwrap();
+        assert_eq!(scene.notes.iter().any(|note| note.contains("`day`, `dusk`")), name.is_none(), "{:?}", scene.notes);
+        scene.materials[scene.meshes[0].material].name.clone()
+    };
+    assert_eq!(material(None), "plain");
+    assert_eq!(material(Some("day")), "plain", "a variant without a mapping leaves the material");
+    assert_eq!(material(Some("dusk")), "red");
+    let error = |path: &Path| scene::load_with(path.to_str().unwrap(), Some("night"), &Default::default()).unwrap_err();
+    assert!(error(&path).to_string().contains("no variant `night`: the file has `day`, `dusk`"), "{}", error(&path));
+    let box_error = error(Path::new("builtin:cornell_point"));
+    assert!(box_error.to_string().contains("no variant `night`"), "{box_error}");
+    draft.primitive()["extensions"]["KHR_materials_variants"]["mappings"][0]["material"] = json!(9);
+    let path = draft.write("dangling_variant.gltf");
+    let dangling = scene::load::gltf::load(&path, Some("dusk")).unwrap_err();
+    assert!(dangling.to_string().contains("materials[9]"), "{dangling}");
 }
 
 #[test]

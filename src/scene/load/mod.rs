@@ -21,13 +21,17 @@ pub struct Format {
     pub endings: &'static [&'static str],
     /// One line for `lightsheaf scenes`.
     pub about: &'static str,
-    load: fn(&Path) -> Result<Scene, LoadError>,
+    load: fn(&Path, Option<&str>) -> Result<Scene, LoadError>,
 }
 
 /// All kinds of scene files.
 pub const FORMATS: [Format; 2] = [
     Format { endings: &["gltf", "glb"], about: "glTF 2.0, data embedded or in files beside it", load: gltf::load },
-    Format { endings: &["xml"], about: "Mitsuba 0.5, 0.6, 2 and 3", load: mitsuba::load },
+    Format {
+        endings: &["xml"],
+        about: "Mitsuba 0.5, 0.6, 2 and 3",
+        load: |path, variant| no_variants(path, variant).and_then(|()| mitsuba::load(path)),
+    },
 ];
 
 /// Returns the endings of all scene files: `.gltf, .glb, .xml`.
@@ -45,20 +49,21 @@ pub fn endings() -> String {
 /// # Errors
 /// Any defect of the file is an error; the message names the place and the cause.
 pub fn load(spec: &str) -> Result<Scene, LoadError> {
-    load_under(spec, &EnvironmentChange::default())
+    load_with(spec, None, &EnvironmentChange::default())
 }
 
-/// Loads a scene like [`load()`] and changes its environment.
+/// Loads a scene like [`load()`] in one of its variants (KHR_materials_variants), and changes its environment.
 ///
 /// # Errors
-/// The errors of [`load()`] and of [`EnvironmentChange::apply`] are returned.
-pub fn load_under(spec: &str, change: &EnvironmentChange) -> Result<Scene, LoadError> {
+/// The errors of [`load()`] and of [`EnvironmentChange::apply`] are returned. A variant that does not exist is
+/// an error that lists those that do.
+pub fn load_with(spec: &str, variant: Option<&str>, change: &EnvironmentChange) -> Result<Scene, LoadError> {
     let path = Path::new(spec);
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let format = FORMATS.iter().find(|format| format.endings.contains(&extension.as_str()));
     let mut scene = match (spec.strip_prefix("builtin:"), format) {
-        (Some(name), _) => builtin::load(name)?,
-        (None, Some(format)) => (format.load)(path)?,
+        (Some(name), _) => no_variants(path, variant).and_then(|()| builtin::load(name))?,
+        (None, Some(format)) => (format.load)(path, variant)?,
         (None, None) => {
             return Err(LoadError::new(spec, format!("not a scene: expected {} or builtin:NAME", endings())));
         }
@@ -67,4 +72,10 @@ pub fn load_under(spec: &str, change: &EnvironmentChange) -> Result<Scene, LoadE
     change.apply(&mut scene)?;
     finish(&mut scene, path)?;
     Ok(scene)
+}
+
+/// Refuses a variant of a scene that has none.
+fn no_variants(path: &Path, variant: Option<&str>) -> Result<(), LoadError> {
+    variant
+        .map_or(Ok(()), |name| Err(LoadError::new(path, format!("there is no variant `{name}`: the scene has none"))))
 }

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use ::gltf::json::extensions::material::PbrSpecularGlossiness;
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::{AlphaMode, Material as JsonMaterial};
 use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
@@ -10,10 +11,11 @@ use ::gltf::json::{self, Index};
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
+use super::extensions::{self, Clearcoat, Extension as _, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar, Scene, Sides,
-    Texture, TextureRef, Wrap,
+    Boundary, Bsdf, Coat, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar, Scene,
+    Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -21,6 +23,15 @@ use crate::scene::{
 pub(super) struct Materials {
     textures: HashMap<(usize, Option<usize>, bool), usize>,
     images: Vec<Index<json::Image>>,
+    /// Textures whose alpha is a glossiness that has to become a roughness, each with its factor.
+    glossy: Vec<(usize, f32)>,
+}
+
+/// The reflection of a material and its alpha.
+struct Base {
+    bsdf: Bsdf,
+    base_color: Color,
+    alpha: Scalar,
 }
 
 /// Returns the material of primitives without one.
@@ -53,22 +64,76 @@ impl Materials {
         let place = format!("materials[{index}]");
         check_numbers(file, scene, &place, material)?;
         let name = material.name.clone().unwrap_or_else(|| place.clone());
+        let extensions = material.extensions.as_ref();
+        let Base { mut bsdf, base_color, alpha } = match extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()) {
+            Some(pbr) => self.specular_glossiness(file, scene, &place, pbr)?,
+            None => self.metallic_roughness(file, scene, &place, material)?,
+        };
+        let at = |part: &str| format!("{place}.{part}");
+        let emissive = self.plain_texture(file, scene, &at("emissiveTexture"), &material.emissive_texture, true)?;
+        let mut transmits = false;
+        if let Bsdf::MetallicRoughness { transmission, .. } = &mut bsdf
+            && let Some(t) = extensions.and_then(|e| e.transmission.as_ref())
+        {
+            let place = at("KHR_materials_transmission.transmissionTexture");
+            let share = self.plain_texture(file, scene, &place, &t.transmission_texture, false)?;
+            let factor = t.transmission_factor.0.clamp(0.0, 1.0);
+            *transmission = Scalar { factor, texture: share.map(|t| (t, 0)) };
+            transmits = factor > 0.0;
+        }
+        let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
+        let normal_map = self.normal_map(file, scene, index, material)?;
+        let coat = self.coat(file, scene, &place, material)?;
+
+        let strength = extensions.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |s| s.emissive_strength.0);
+        let radiance = Vec3::from(material.emissive_factor.0) * strength;
+        let two_sided = material.double_sided;
+        let mut out = Material {
+            name,
+            bsdf,
+            emission: (radiance != Vec3::ZERO)
+                .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
+            normal_map,
+            coat,
+            opacity: opacity(file, &place, material, alpha)?,
+            // Transmitted light reaches both sides.
+            sides: if two_sided || transmits { Sides::Two } else { Sides::OneCulled },
+            boundary,
+        };
+        // A dielectric without reflection is Lambertian. `Bsdf::Diffuse` does not support vertex colours.
+        if let Bsdf::MetallicRoughness { specular, metallic, .. } = out.bsdf
+            && specular.factor == 0.0
+            && metallic.factor == 0.0
+            && !transmits
+            && !has_colors
+        {
+            out.bsdf = Bsdf::Diffuse { reflectance: base_color };
+        }
+        if extensions.is_some_and(|e| e.unlit.is_some()) {
+            make_unlit(scene, &mut out, base_color, has_colors);
+        }
+        Ok(out)
+    }
+
+    /// Converts the core material with KHR_materials_specular and KHR_materials_ior.
+    fn metallic_roughness(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Base, LoadError> {
         let pbr = &material.pbr_metallic_roughness;
         let extensions = material.extensions.as_ref();
-        let factor = Vec4::from(pbr.base_color_factor.0).clamp(Vec4::ZERO, Vec4::ONE);
         let unit = |value: f32| value.clamp(0.0, 1.0);
-        let at = |part: &str| format!("{place}.{part}");
         let mut texture = |info: &Option<Info>, part: &str, srgb: bool| {
-            let Some(info) = info else { return Ok(None) };
-            let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
-            self.texture(file, scene, info.index, info.tex_coord, transform, &at(part), srgb)
+            self.plain_texture(file, scene, &format!("{place}.{part}"), info, srgb)
         };
-
-        let base_color_texture = texture(&pbr.base_color_texture, "pbrMetallicRoughness.baseColorTexture", true)?;
-        let base_color = Color { factor: factor.truncate(), texture: base_color_texture };
+        let factor = Vec4::from(pbr.base_color_factor.0).clamp(Vec4::ZERO, Vec4::ONE);
+        let texture_of_color = texture(&pbr.base_color_texture, "pbrMetallicRoughness.baseColorTexture", true)?;
+        let base_color = Color { factor: factor.truncate(), texture: texture_of_color };
         let metal_rough =
             texture(&pbr.metallic_roughness_texture, "pbrMetallicRoughness.metallicRoughnessTexture", false)?;
-        let emissive = texture(&material.emissive_texture, "emissiveTexture", true)?;
         let mut specular = Scalar::from(1.0);
         let mut specular_color = Color::from(Vec3::ONE);
         if let Some(s) = extensions.and_then(|e| e.specular.as_ref()) {
@@ -77,46 +142,58 @@ impl Materials {
             let color = texture(&s.specular_color_texture, "KHR_materials_specular.specularColorTexture", true)?;
             specular_color = Color { factor: Vec3::from(s.specular_color_factor.0), texture: color };
         }
-        let mut transmission = Scalar::from(0.0);
-        if let Some(t) = extensions.and_then(|e| e.transmission.as_ref()) {
-            let share = texture(&t.transmission_texture, "KHR_materials_transmission.transmissionTexture", false)?;
-            transmission = Scalar { factor: unit(t.transmission_factor.0), texture: share.map(|t| (t, 0)) };
-        }
-        let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
-        let normal_map = self.normal_map(file, scene, index, material)?;
-
-        let ior = extensions.and_then(|e| e.ior.as_ref()).map_or(1.5, |i| i.ior.0);
-        let strength = extensions.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |s| s.emissive_strength.0);
-        let radiance = Vec3::from(material.emissive_factor.0) * strength;
-        let two_sided = material.double_sided;
-        let mut out = Material {
-            name,
-            bsdf: Bsdf::MetallicRoughness {
-                base_color,
-                metallic: Scalar { factor: unit(pbr.metallic_factor.0), texture: metal_rough.map(|t| (t, 2)) },
-                roughness: Scalar { factor: unit(pbr.roughness_factor.0), texture: metal_rough.map(|t| (t, 1)) },
-                ior,
-                specular,
-                specular_color,
-                transmission,
-            },
-            emission: (radiance != Vec3::ZERO)
-                .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
-            normal_map,
-            coat: None,
-            opacity: opacity(file, &place, material, base_color_texture)?,
-            // Transmitted light reaches both sides.
-            sides: if two_sided || transmission.factor > 0.0 { Sides::Two } else { Sides::OneCulled },
-            boundary,
+        let bsdf = Bsdf::MetallicRoughness {
+            base_color,
+            metallic: Scalar { factor: unit(pbr.metallic_factor.0), texture: metal_rough.map(|t| (t, 2)) },
+            roughness: Scalar { factor: unit(pbr.roughness_factor.0), texture: metal_rough.map(|t| (t, 1)) },
+            ior: extensions.and_then(|e| e.ior.as_ref()).map_or(1.5, |i| i.ior.0),
+            specular,
+            specular_color,
+            transmission: 0.0.into(),
         };
-        // A dielectric without reflection is Lambertian. `Bsdf::Diffuse` does not support vertex colours.
-        if specular.factor == 0.0 && pbr.metallic_factor.0 == 0.0 && transmission.factor == 0.0 && !has_colors {
-            out.bsdf = Bsdf::Diffuse { reflectance: base_color };
-        }
-        if extensions.is_some_and(|e| e.unlit.is_some()) {
-            make_unlit(scene, &mut out, base_color, has_colors);
-        }
-        Ok(out)
+        Ok(Base { bsdf, base_color, alpha: Scalar { factor: factor.w, texture: base_color.texture.map(|t| (t, 3)) } })
+    }
+
+    /// Converts KHR_materials_pbrSpecularGlossiness to a dielectric whose reflectance at normal incidence is
+    /// the specular colour: an index of 0 reflects everything (KHR_materials_ior), and the colour tints it.
+    fn specular_glossiness(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        pbr: &PbrSpecularGlossiness,
+    ) -> Result<Base, LoadError> {
+        let place = format!("{place}.KHR_materials_pbrSpecularGlossiness");
+        let values = pbr.diffuse_factor.0.iter().chain(&pbr.specular_factor.0).chain([&pbr.glossiness_factor.0]);
+        check_units(file, scene, &place, values.copied())?;
+        let factor = Vec4::from(pbr.diffuse_factor.0).clamp(Vec4::ZERO, Vec4::ONE);
+        let texture = self.plain_texture(file, scene, &place, &pbr.diffuse_texture, true)?;
+        let base_color = Color { factor: factor.truncate(), texture };
+        let specular = self.plain_texture(file, scene, &place, &pbr.specular_glossiness_texture, true)?;
+        let glossiness = pbr.glossiness_factor.0.clamp(0.0, 1.0);
+        let roughness = match specular {
+            None => Scalar::from(1.0 - glossiness),
+            Some(source) => {
+                // The alpha channel of a copy will hold the roughness.
+                scene.textures.push(Texture { srgb: false, ..scene.textures[source.texture].clone() });
+                let texture = TextureRef { texture: scene.textures.len() - 1, ..source };
+                self.glossy.push((texture.texture, glossiness));
+                Scalar { factor: 1.0, texture: Some((texture, 3)) }
+            }
+        };
+        let bsdf = Bsdf::MetallicRoughness {
+            base_color,
+            metallic: 0.0.into(),
+            roughness,
+            ior: 0.0,
+            specular: 1.0.into(),
+            specular_color: Color {
+                factor: Vec3::from(pbr.specular_factor.0).clamp(Vec3::ZERO, Vec3::ONE),
+                texture: specular,
+            },
+            transmission: 0.0.into(),
+        };
+        Ok(Base { bsdf, base_color, alpha: Scalar { factor: factor.w, texture: base_color.texture.map(|t| (t, 3)) } })
     }
 
     /// Converts a material's normal map, if it has one.
@@ -132,6 +209,74 @@ impl Materials {
         let transform = file.normal_transforms.get(&index);
         let place = format!("materials[{index}].normalTexture");
         let texture = self.texture(file, scene, map.index, map.tex_coord, transform, &place, false)?;
+        Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
+    }
+
+    /// Converts KHR_materials_clearcoat.
+    fn coat(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Option<Coat>, LoadError> {
+        let Some(json) = extensions::of::<Clearcoat>(file, place, material)? else { return Ok(None) };
+        let place = format!("{place}.{}", Clearcoat::NAME);
+        let weight = self.scalar(file, scene, &place, ("clearcoatFactor", json.factor), &json.texture, 0)?;
+        let roughness = (self.scalar(
+            file,
+            scene,
+            &place,
+            ("clearcoatRoughnessFactor", json.roughness),
+            &json.roughness_texture,
+            1,
+        ))?;
+        let normal_map = self.own_normal_map(file, scene, &place, &json.normal_texture)?;
+        Ok((weight.factor > 0.0).then_some(Coat { weight, roughness, normal_map }))
+    }
+
+    /// Converts a factor in [0, 1] and the texture that multiplies it by one of its channels.
+    fn scalar(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        (name, factor): (&str, f32),
+        info: &Option<Info>,
+        channel: u32,
+    ) -> Result<Scalar, LoadError> {
+        check_units(file, scene, &format!("{place}.{name}"), [factor])?;
+        let texture = self.plain_texture(file, scene, place, info, false)?;
+        Ok(Scalar { factor: factor.clamp(0.0, 1.0), texture: texture.map(|texture| (texture, channel)) })
+    }
+
+    /// Converts a reference to a texture by an extension.
+    fn plain_texture(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        info: &Option<Info>,
+        srgb: bool,
+    ) -> Result<Option<TextureRef>, LoadError> {
+        let Some(info) = info else { return Ok(None) };
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        self.texture(file, scene, info.index, info.tex_coord, transform, place, srgb)
+    }
+
+    /// Converts the normal map of an extension.
+    fn own_normal_map(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        map: &Option<NormalTexture>,
+    ) -> Result<Option<NormalMap>, LoadError> {
+        let Some(map) = map else { return Ok(None) };
+        if !map.scale.is_finite() {
+            return Err(file.error(place, format!("a scale of {} is not a number", map.scale)));
+        }
+        let texture = self.texture(file, scene, map.index, map.tex_coord, map.transform(), place, false)?;
         Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
     }
 
@@ -185,6 +330,23 @@ impl Materials {
             uv_set = 0;
         }
         Ok(Some(TextureRef { texture, uv_set, transform: affine }))
+    }
+
+    /// Replaces the images of glossiness by copies whose alpha is the roughness, 1 - factor * glossiness.
+    pub fn bake_roughness(&self, scene: &mut Scene) {
+        let mut baked: HashMap<(usize, u32), usize> = HashMap::new();
+        for &(texture, factor) in &self.glossy {
+            let source = scene.textures[texture].image;
+            scene.textures[texture].image = *baked.entry((source, factor.to_bits())).or_insert_with(|| {
+                let mut image = scene.images[source].clone();
+                image.name = format!("{}, roughness", image.name);
+                for texel in &mut image.texels {
+                    texel[3] = (255.0 - factor * f32::from(texel[3])).round() as u8;
+                }
+                scene.images.push(image);
+                scene.images.len() - 1
+            });
+        }
     }
 
     /// Decodes the images that materials refer to.
@@ -244,7 +406,7 @@ fn make_unlit(scene: &mut Scene, material: &mut Material, base_color: Color, has
     ));
     material.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() };
     material.emission = Some(Emission { radiance: base_color, two_sided: true });
-    material.normal_map = None;
+    (material.normal_map, material.coat) = (None, None);
     material.sides = Sides::Two;
 }
 
@@ -265,6 +427,24 @@ fn boundary(volume: &json::extensions::material::Volume) -> Boundary {
     // The lower bound keeps the absorption finite.
     let color = Vec3::from(volume.attenuation_color.0).clamp(Vec3::splat(f32::MIN_POSITIVE), Vec3::ONE);
     Boundary::Volume { absorption: (-color.ln() / volume.attenuation_distance.0).min(Vec3::splat(f32::MAX)) }
+}
+
+/// Checks that numbers are finite; values outside the unit interval are clamped with a warning.
+fn check_units(
+    file: &File,
+    scene: &mut Scene,
+    place: &str,
+    values: impl IntoIterator<Item = f32>,
+) -> Result<(), LoadError> {
+    for value in values {
+        if !value.is_finite() {
+            return Err(file.error(place, format!("a value of {value} is out of range")));
+        }
+        if !(0.0..=1.0).contains(&value) {
+            scene.warn(format!("{place}: a value of {value} is outside [0, 1]: it is clamped"));
+        }
+    }
+    Ok(())
 }
 
 /// Checks that numbers are finite and not negative; values above the unit interval are clamped with a
@@ -301,14 +481,7 @@ fn check_numbers(file: &File, scene: &mut Scene, place: &str, material: &JsonMat
     Ok(())
 }
 
-fn opacity(
-    file: &File,
-    place: &str,
-    material: &JsonMaterial,
-    texture: Option<TextureRef>,
-) -> Result<Option<Opacity>, LoadError> {
-    let factor = material.pbr_metallic_roughness.base_color_factor.0[3];
-    let value = Scalar { factor, texture: texture.map(|t| (t, 3)) };
+fn opacity(file: &File, place: &str, material: &JsonMaterial, value: Scalar) -> Result<Option<Opacity>, LoadError> {
     match &material.alpha_mode {
         Checked::Valid(AlphaMode::Opaque) => Ok(None),
         Checked::Valid(AlphaMode::Mask) => {

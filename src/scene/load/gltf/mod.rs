@@ -11,6 +11,7 @@ mod accessor;
 mod animation;
 mod codec;
 mod compression;
+mod extensions;
 mod file;
 mod instances;
 mod lights;
@@ -37,7 +38,7 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 17] = [
+pub const SUPPORTED: [&str; 20] = [
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -45,11 +46,14 @@ pub const SUPPORTED: [&str; 17] = [
     "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
+    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
     "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
@@ -62,13 +66,10 @@ fn substitute(extension: &str) -> &'static str {
     match extension {
         "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
-        "KHR_materials_pbrSpecularGlossiness" => "the metallic-roughness values beside it are read",
-        "KHR_materials_clearcoat" => "the base is rendered without its coat",
         "KHR_materials_sheen" => "the base is rendered without its sheen",
         "KHR_materials_iridescence" => "the base is rendered without its film",
         "KHR_materials_anisotropy" => "highlights are rendered isotropic",
         "KHR_materials_dispersion" => "the medium does not disperse",
-        "KHR_materials_variants" => "the default variant is read",
         "KHR_node_visibility" => "all nodes are visible",
         "EXT_lights_image_based" => {
             "its prefiltered cube map is left out; `--env FILE` takes the image that it was made of"
@@ -77,15 +78,17 @@ fn substitute(extension: &str) -> &'static str {
     }
 }
 
-/// Loads a .gltf or .glb file.
+/// Loads a .gltf or .glb file in one of its variants, or with its own choice of materials.
 ///
 /// # Errors
-/// A file that is missing, truncated or invalid, or that requires an unsupported extension, is an error.
-pub fn load(path: &Path) -> Result<Scene, LoadError> {
+/// A file that is missing, truncated or invalid, that requires an unsupported extension, or that lacks the
+/// variant, is an error.
+pub fn load(path: &Path, variant: Option<&str>) -> Result<Scene, LoadError> {
     let mut file = File::open(path)?;
     let mut scene = Scene { name: path.display().to_string(), ..Scene::default() };
     check_extensions(&file, &mut scene)?;
     file.check_references()?;
+    let variant = pick_variant(&file, &mut scene, variant)?;
     file.load_buffers()?;
     let tree = node_tree(&file)?;
     let world = tree.rest();
@@ -96,6 +99,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
         world,
         file: &file,
         scene,
+        variant,
         budget: Budget::default(),
         rig: (!file.animations.is_empty()).then(|| Rig { tree, ..Rig::default() }),
         weighted: file.animations.weighted_nodes().collect(),
@@ -117,6 +121,26 @@ fn check_extensions(file: &File, scene: &mut Scene) -> Result<(), LoadError> {
         scene.warn(format!("{extension} is not supported: {}", substitute(extension)));
     }
     Ok(())
+}
+
+/// Returns the index of a variant by its name. Without a name, a note lists the variants.
+fn pick_variant(file: &File, scene: &mut Scene, name: Option<&str>) -> Result<Option<u32>, LoadError> {
+    let variants = file.root.extensions.as_ref().and_then(|e| e.khr_materials_variants.as_ref());
+    let names: Vec<_> = variants.iter().flat_map(|v| &v.variants).map(|variant| variant.name.as_str()).collect();
+    let listed = || names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+    let Some(name) = name else {
+        if !names.is_empty() {
+            scene.note(format!("the file has variants of its materials: {}; --variant NAME picks one", listed()));
+        }
+        return Ok(None);
+    };
+    let index = names.iter().position(|other| *other == name);
+    let index = index.ok_or_else(|| {
+        let those =
+            if names.is_empty() { "the file has none".to_owned() } else { format!("the file has {}", listed()) };
+        LoadError::new(&file.path, format!("there is no variant `{name}`: {those}"))
+    })?;
+    Ok(Some(index as u32))
 }
 
 /// Returns a node's local transform.
@@ -166,6 +190,8 @@ struct Shown<'a> {
 struct Loader<'a> {
     file: &'a File,
     scene: Scene,
+    /// Index of the variant, if one has been picked.
+    variant: Option<u32>,
     world: Vec<Affine3A>,
     budget: Budget,
     /// The rig, if the file has animations.
@@ -197,6 +223,7 @@ impl Loader<'_> {
             }
         }
         self.scene.images = materials.load_images(self.file)?;
+        materials.bake_roughness(&mut self.scene);
         let animations = self.animations()?;
         if let Some(rig) = self.rig.take() {
             self.scene.rig = Some(Arc::new(Rig { animations, ..rig }));
@@ -208,7 +235,7 @@ impl Loader<'_> {
         let file = self.file;
         let mut has_colors = vec![false; file.root.materials.len()];
         for primitive in file.root.meshes.iter().flat_map(|mesh| &mesh.primitives) {
-            if let Some(slot) = primitive.material.and_then(|m| has_colors.get_mut(m.value())) {
+            if let Some(slot) = self.material_of(primitive).and_then(|m| has_colors.get_mut(m.value())) {
                 *slot |= mesh::attribute(primitive, Semantic::Colors(0)).is_some();
             }
         }
@@ -217,6 +244,16 @@ impl Loader<'_> {
             self.scene.materials.push(material);
         }
         Ok(())
+    }
+
+    /// Returns the material of a primitive in the variant.
+    fn material_of(&self, primitive: &json::mesh::Primitive) -> Option<Index<json::Material>> {
+        let variants = primitive.extensions.as_ref().and_then(|e| e.khr_materials_variants.as_ref());
+        let mapped = self.variant.and_then(|variant| {
+            let mapping = variants?.mappings.iter().find(|mapping| mapping.variants.contains(&variant))?;
+            Some(Index::new(mapping.material))
+        });
+        mapped.or(primitive.material)
     }
 
     /// Returns the nodes of the default scene, of the first one, or of the whole file, parents first.
@@ -337,7 +374,7 @@ impl Loader<'_> {
         let mut warnings = Vec::new();
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             let place = format!("meshes[{index}].primitives[{p}]");
-            let material = match primitive.material {
+            let material = match self.material_of(primitive) {
                 Some(material) => {
                     self.file.get(material, &place, "materials")?;
                     material.value()
@@ -429,15 +466,15 @@ fn add_tangents(
     place: &str,
     warnings: &mut Vec<String>,
 ) {
-    match material.normal_map {
+    match material.tangent_texture() {
         None => mesh.tangents.clear(),
         Some(_) if !mesh.tangents.is_empty() => {}
-        Some(map) => {
-            let uv_set = map.texture.uv_set as usize;
+        Some(texture) => {
+            let uv_set = texture.uv_set as usize;
             if mesh.uvs[uv_set].is_empty() {
                 warnings.push(format!("{place} has no TEXCOORD_{uv_set}: its normal map has no effect"));
             }
-            if let Some(vertices) = tangents::generate(mesh, uv_set, map.texture.transform) {
+            if let Some(vertices) = tangents::generate(mesh, uv_set, texture.transform) {
                 deformation.select(&vertices);
             }
         }

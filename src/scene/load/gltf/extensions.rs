@@ -1,0 +1,72 @@
+//! Extensions of materials that the parser's own types omit.
+
+use ::gltf::json::extensions::texture::TextureTransform;
+use ::gltf::json::material::Material;
+use ::gltf::json::texture::Info;
+use ::gltf::json::{Index, Texture};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use super::file::File;
+use crate::scene::LoadError;
+
+/// An extension of a material.
+pub(super) trait Extension: DeserializeOwned {
+    /// Its name.
+    const NAME: &str;
+}
+
+/// Returns an extension of a material, if it has it.
+pub(super) fn of<E: Extension>(file: &File, place: &str, material: &Material) -> Result<Option<E>, LoadError> {
+    let value = material.extensions.as_ref().and_then(|extensions| extensions.others.get(E::NAME));
+    let parse = |value: &serde_json::Value| E::deserialize(value);
+    value.map(parse).transpose().map_err(|cause| file.error(format!("{place}.{}", E::NAME), cause.to_string()))
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// KHR_materials_clearcoat.
+#[derive(Deserialize)]
+pub(super) struct Clearcoat {
+    #[serde(default, rename = "clearcoatFactor")]
+    pub factor: f32,
+    #[serde(rename = "clearcoatTexture")]
+    pub texture: Option<Info>,
+    #[serde(default, rename = "clearcoatRoughnessFactor")]
+    pub roughness: f32,
+    #[serde(rename = "clearcoatRoughnessTexture")]
+    pub roughness_texture: Option<Info>,
+    #[serde(rename = "clearcoatNormalTexture")]
+    pub normal_texture: Option<NormalTexture>,
+}
+
+impl Extension for Clearcoat {
+    const NAME: &str = "KHR_materials_clearcoat";
+}
+
+/// A normal map with the texture transform that the parser's own type omits.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct NormalTexture {
+    pub index: Index<Texture>,
+    #[serde(default)]
+    pub tex_coord: u32,
+    #[serde(default = "one")]
+    pub scale: f32,
+    extensions: Option<TextureExtensions>,
+}
+
+impl NormalTexture {
+    /// Returns the texture transform, if there is one.
+    pub fn transform(&self) -> Option<&TextureTransform> {
+        self.extensions.as_ref()?.transform.as_ref()
+    }
+}
+
+#[derive(Deserialize)]
+struct TextureExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    transform: Option<TextureTransform>,
+}
