@@ -181,7 +181,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
 }
 
 /// Flags of layers on top of materials.
-const LAYERS: [Flag; 1] = [Flag::Coat];
+const LAYERS: [Flag; 2] = [Flag::Sheen, Flag::Coat];
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

@@ -32,6 +32,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Surfaces have a sheen.
+    Sheen = "SHEEN",
     /// Surfaces have coats.
     Coat = "COAT",
     /// Light paths by way of smooth surfaces are connected to the camera.

@@ -394,7 +394,7 @@ impl Bsdf {
 }
 
 /// Samples a cosine-weighted direction about z.
-fn cosine_hemisphere(u: Vec2) -> Vec3 {
+pub(super) fn cosine_hemisphere(u: Vec2) -> Vec3 {
     let p = concentric_disk(u);
     p.extend((1.0 - p.length_squared()).max(0.0).sqrt())
 }

@@ -20,6 +20,7 @@ pub mod microfacet;
 mod path;
 mod rounds;
 mod sampler;
+pub mod sheen;
 pub mod surface;
 pub mod texture;
 

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::layers::{Coat, Layered};
+use super::sheen::Sheen;
 use super::texture::Textures;
 use crate::scene::model::geometry::Vertex;
 use crate::scene::{Boundary, Geometry, Material, NormalMap, Opacity, Scene, Sides};
@@ -209,6 +210,7 @@ impl<'s> Surfaces<'s> {
         let counts = surface.front || material.sides == Sides::Two || material.bsdf.transmits();
         counts.then(|| Layered {
             base: Bsdf::new(material, self.prepared[index], &self.textures, surface),
+            sheen: material.sheen.as_ref().map(|sheen| Sheen::new(sheen, &self.textures, surface)),
             coat: material.coat.as_ref().map(|coat| Coat::new(coat, &self.textures, surface)),
         })
     }

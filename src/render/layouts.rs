@@ -208,8 +208,10 @@ layouts! {
         coat_texture: u32,
         coat_roughness_texture: u32,
         coat_normal_texture: u32,
-        pad0: u32,
-        pad1: u32,
+        sheen_texture: u32,
+        sheen_roughness_texture: u32,
+        sheen: [f32; 3],
+        sheen_roughness: f32,
     }
 
     /// One use of a texture by a material.
@@ -506,7 +508,8 @@ impl LightVertex {
     /// Returns the bytes of a vertex in shaders with these flags. Its BSDF ends with those of layers.
     #[must_use]
     pub fn bytes(flags: &[Flag]) -> usize {
-        size_of::<Self>() + if flags.contains(&Flag::Coat) { 32 } else { 0 }
+        let bytes = |flag, bytes: usize| if flags.contains(&flag) { bytes } else { 0 };
+        size_of::<Self>() + bytes(Flag::Sheen, 16) + bytes(Flag::Coat, 32)
     }
 }
 
@@ -537,7 +540,7 @@ impl Shading {
     pub fn bytes(flags: &[Flag]) -> u64 {
         let glossy = flags.contains(&Flag::Glossy);
         let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
-        let parts = [Flag::Transmission, Flag::Coat].iter().filter(|flag| flags.contains(flag)).count();
+        let parts = [Flag::Transmission, Flag::Sheen, Flag::Coat].iter().filter(|flag| flags.contains(flag)).count();
         (bytes + 16 * parts) as u64
     }
 }
@@ -579,6 +582,11 @@ constants! {
         CONDUCTOR = 2,
         PLASTIC = 3,
         DIELECTRIC = 4,
+    }
+
+    /// Cells along a side of the table of a sheen's albedo.
+    mod sheen_size in "lib/surface/sheen" {
+        SHEEN_SIDE = 32,
     }
 
     /// An index that refers to nothing.

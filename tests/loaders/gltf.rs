@@ -531,6 +531,16 @@ fn layers_are_read() {
     assert!(warned(&scene, "clearcoatRoughnessFactor: a value of 2"), "{:?}", scene.warnings);
     assert!(!warned(&scene, "not supported"), "{:?}", scene.warnings);
 
+    draft.json["materials"][0]["extensions"]["KHR_materials_sheen"] = json!({
+        "sheenColorFactor": [0.1, 0.2, 0.3], "sheenColorTexture": { "index": 0 },
+        "sheenRoughnessFactor": 0.5, "sheenRoughnessTexture": { "index": 0 },
+    });
+    let scene = draft.load("sheen.gltf");
+    let sheen = scene.materials[0].sheen.unwrap();
+    assert_eq!((sheen.color.factor, sheen.roughness.factor), (Vec3::new(0.1, 0.2, 0.3), 0.5));
+    assert!(scene.textures[sheen.color.texture.unwrap().texture].srgb);
+    assert_eq!(channel(sheen.roughness), Some((0, 3)));
+
     // A coat without weight is none.
     draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"] = json!(0);
     assert_eq!(draft.load("no_coat.gltf").materials[0].coat, None);

@@ -114,6 +114,8 @@ fn reflection_agrees_with_the_reference() {
 fn layers_agree_with_the_reference() {
     agrees("coats", &scenes::coats(), SIDE, 3);
     shared_agrees("coats", &scenes::coats(), 2);
+    agrees("sheens", &scenes::sheens(), SIDE, 3);
+    shared_agrees("sheens", &scenes::sheens(), 2);
 }
 
 #[test]

@@ -127,6 +127,8 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("coated metal", scenes::coated(0.4, scenes::conductor(0.3, Fresnel::None))),
         ("coated plastic", scenes::coated(0.6, scenes::plastic(0.3))),
         ("coated glass", scenes::coated(0.4, scenes::glass(0.4, 1.5, clear))),
+        ("sheen on metal", scenes::velvet(0.4, scenes::conductor(0.3, Fresnel::None))),
+        ("sheen under a coat", scenes::coated(0.5, scenes::velvet(0.6, scenes::plastic(0.3)))),
         ("glTF volume", scenes::gltf(0.6, 0.1, 0.7, clear)),
         ("glTF sheet", scenes::gltf(0.6, 0.1, 0.7, Boundary::Sheet)),
         ("glass", scenes::glass(0.4, 1.5, clear)),

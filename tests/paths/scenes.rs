@@ -3,7 +3,7 @@
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
     Boundary, Bsdf, Coat, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh,
-    NormalMap, Opacity, Pattern, Scalar, Scene, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -114,6 +114,24 @@ pub fn mirrors() -> Scene {
 pub fn coated(roughness: f32, material: Material) -> Material {
     let coat = Coat { weight: 0.9.into(), roughness: roughness.into(), normal_map: None };
     Material { coat: Some(coat), ..material }
+}
+
+/// Returns a material under a sheen.
+pub fn velvet(roughness: f32, material: Material) -> Material {
+    let sheen = Sheen { color: Vec3::new(0.9, 0.5, 0.7).into(), roughness: roughness.into() };
+    Material { sheen: Some(sheen), ..material }
+}
+
+/// Returns sheens on a diffuse ball, on rough and smooth metal, and under a coat.
+pub fn sheens() -> Scene {
+    let mut scene = balls([
+        velvet(0.3, Material::diffuse("", Vec3::new(0.2, 0.3, 0.8))),
+        velvet(0.7, conductor(0.3, Fresnel::None)),
+        velvet(0.5, conductor(0.0, Fresnel::None)),
+        coated(0.4, velvet(0.6, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
 }
 
 /// Returns coats, smooth and rough, on rough and smooth metal, on plastic and on a diffuse ball.

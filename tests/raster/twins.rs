@@ -311,6 +311,29 @@ fn coats() {
     compare("textured coats", FILTERED, &from_one(&values));
 }
 
+/// The albedo that scales the base is interpolated between integrals by two quadratures.
+#[test]
+fn sheens() {
+    let Some(gpu) = common::gpu() else { return };
+    const QUADRATURE: f32 = 1e-2;
+    let mut random = Random(14);
+    let flags = [Flag::Glossy, Flag::Sheen, Flag::Coat];
+    let materials = (0..300)
+        .map(|i| {
+            let color = if i % 5 == 0 { Vec3::ZERO } else { random.color() };
+            let sheen = Some(Sheen { color: color.into(), roughness: random.unit().into() });
+            let coat = if i % 2 == 0 { coat(0.3, &mut random) } else { None };
+            Material { sheen, coat, ..material(i % 4, 0.3, &mut random) }
+        })
+        .collect();
+    let scene = scene_of(materials, false, &mut random);
+    let [values, ..] = surfaces(gpu, &scene, &flags, 2e-2, &mut random);
+    compare("sheens", QUADRATURE, &values);
+    let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy, Flag::Coat], 2e-2, &mut random);
+    let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, QUADRATURE)).count();
+    assert!(off * 4 > bare.len(), "sheens do nothing: {off}");
+}
+
 #[test]
 fn vertex_colors() {
     let Some(gpu) = common::gpu() else { return };

@@ -7,6 +7,7 @@ use crate::gpu::{Flag, Gpu, GpuError};
 use crate::render::layouts;
 use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::{layers, material};
+use crate::render::upload::sheen;
 use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
 use crate::render::visibility::tracer::{TracedScene, Tracer, Tracing};
@@ -34,6 +35,8 @@ pub struct GpuScene {
     materials: wgpu::Buffer,
     /// Layers on top of materials, if shaders read them.
     layers: Option<wgpu::Buffer>,
+    /// Albedo of a sheen, if shaders read it.
+    sheen_albedos: Option<wgpu::Buffer>,
     textures: Option<Textures>,
     /// True if vertices have tangents and texture coordinates.
     textured: bool,
@@ -89,8 +92,9 @@ impl GpuScene {
             materials.push(layouts::Material::default());
         }
         let layers: Vec<_> = scene.materials.iter().map(|m| layers(m, scene, &mut atlas)).collect();
-        let has_layers = flags.contains(&Flag::Coat);
+        let has_layers = [Flag::Sheen, Flag::Coat].iter().any(|flag| flags.contains(flag));
         let layers = has_layers.then(|| gpu.upload("layers", &layers));
+        let sheen_albedos = flags.contains(&Flag::Sheen).then(|| gpu.upload("sheen_albedos", &sheen::albedos()));
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");
         gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
         let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
@@ -104,7 +108,7 @@ impl GpuScene {
             [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
         bytes += tables.iter().map(|(_, table)| table.size()).sum::<u64>();
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
-        bytes += layers.as_ref().map_or(0, wgpu::Buffer::size);
+        bytes += [&layers, &sheen_albedos].into_iter().flatten().map(wgpu::Buffer::size).sum::<u64>();
         let textures = atlas.finish(gpu);
         bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
         let mut this = Self {
@@ -120,6 +124,7 @@ impl GpuScene {
             triangle_buffer,
             materials,
             layers,
+            sheen_albedos,
             textures,
             environment_map,
             lighting,
@@ -175,6 +180,7 @@ impl GpuScene {
             ("lighting", self.lighting.as_entire_binding()),
         ];
         all.extend(self.layers.iter().map(|layers| ("layers", layers.as_entire_binding())));
+        all.extend(self.sheen_albedos.iter().map(|table| ("sheen_albedos", table.as_entire_binding())));
         if let Some(textures) = &self.textures {
             all.extend([
                 ("texture_uses", textures.uses.as_entire_binding()),

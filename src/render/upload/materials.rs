@@ -74,8 +74,14 @@ pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts:
         coat_texture: NONE,
         coat_roughness_texture: NONE,
         coat_normal_texture: NONE,
+        sheen_texture: NONE,
+        sheen_roughness_texture: NONE,
         ..Default::default()
     };
+    if let Some(sheen) = &m.sheen {
+        (out.sheen, out.sheen_texture) = atlas.color(scene, &sheen.color);
+        (out.sheen_roughness, out.sheen_roughness_texture) = atlas.scalar(scene, &sheen.roughness);
+    }
     if let Some(coat) = &m.coat {
         (out.coat, out.coat_texture) = atlas.scalar(scene, &coat.weight);
         (out.coat_roughness, out.coat_roughness_texture) = atlas.scalar(scene, &coat.roughness);

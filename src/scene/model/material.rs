@@ -208,6 +208,24 @@ impl Coat {
     pub const F0: f32 = 0.04;
 }
 
+/// Fibres on a surface that scatter light at grazing angles, as velvet does, below a coat (KHR_materials_sheen).
+///
+/// f = color D G2 / (4 cos cos) + min(1 - c E(cos_i), 1 - c E(cos_o)) f_below, with the exponentiated sine as D, the
+/// Smith term fitted to it (Conty Estevez and Kulla 2017), the albedo E of the lobe and the largest channel
+/// c of the colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sheen {
+    /// Multiplies the lobe.
+    pub color: Color,
+    /// Perceptual roughness, the square root of the lobe's width.
+    pub roughness: Scalar,
+}
+
+impl Sheen {
+    /// Least roughness. The lobe of a smaller one reflects more than arrives.
+    pub const MIN_ROUGHNESS: f32 = 0.1;
+}
+
 /// Partial presence of a surface. Its alpha is factor times the texture's channel (0 red to 3 alpha) times
 /// vertex alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -272,7 +290,9 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
-    /// Varnish on top of it, if any.
+    /// Fibres on top of it, if any.
+    pub sheen: Option<Sheen>,
+    /// Varnish on top of both, if any.
     pub coat: Option<Coat>,
     /// Partial presence; none for a surface without holes.
     pub opacity: Option<Opacity>,
@@ -290,6 +310,7 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
+            sheen: None,
             coat: None,
             opacity: None,
             sides: Sides::Two,
@@ -300,7 +321,7 @@ impl Material {
     /// Returns true if the surface does more than reflect diffusely.
     #[must_use]
     pub fn is_glossy(&self) -> bool {
-        !matches!(self.bsdf, Bsdf::Diffuse { .. }) || self.coat.is_some()
+        !matches!(self.bsdf, Bsdf::Diffuse { .. }) || self.sheen.is_some() || self.coat.is_some()
     }
 
     /// Returns the texture whose coordinates define the mesh's tangents, if the material needs tangents.

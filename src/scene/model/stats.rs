@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if any surface has a sheen.
+    pub sheens: bool,
     /// True if any surface has a coat.
     pub coats: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
@@ -122,6 +124,7 @@ impl SceneStats {
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.bsdf.transmits()) > 0,
+            sheens: count(&|m| m.sheen.is_some()) > 0,
             coats: count(&|m| m.coat.is_some()) > 0,
             narrow_metals: count(&is_narrow_metal) > 0,
             masked_triangles: count(&|m| m.opacity.is_some()),

@@ -46,6 +46,23 @@ impl Extension for Clearcoat {
     const NAME: &str = "KHR_materials_clearcoat";
 }
 
+/// KHR_materials_sheen.
+#[derive(Deserialize)]
+pub(super) struct Sheen {
+    #[serde(default, rename = "sheenColorFactor")]
+    pub color: [f32; 3],
+    #[serde(rename = "sheenColorTexture")]
+    pub color_texture: Option<Info>,
+    #[serde(default, rename = "sheenRoughnessFactor")]
+    pub roughness: f32,
+    #[serde(rename = "sheenRoughnessTexture")]
+    pub roughness_texture: Option<Info>,
+}
+
+impl Extension for Sheen {
+    const NAME: &str = "KHR_materials_sheen";
+}
+
 /// A normal map with the texture transform that the parser's own type omits.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]

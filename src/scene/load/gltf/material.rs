@@ -15,7 +15,7 @@ use super::extensions::{self, Clearcoat, Extension as _, NormalTexture};
 use super::file::File;
 use crate::scene::{
     Boundary, Bsdf, Coat, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar, Scene,
-    Sides, Texture, TextureRef, Wrap,
+    Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -83,6 +83,7 @@ impl Materials {
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
         let normal_map = self.normal_map(file, scene, index, material)?;
+        let sheen = self.sheen(file, scene, &place, material)?;
         let coat = self.coat(file, scene, &place, material)?;
 
         let strength = extensions.and_then(|e| e.emissive_strength.as_ref()).map_or(1.0, |s| s.emissive_strength.0);
@@ -94,6 +95,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
+            sheen,
             coat,
             opacity: opacity(file, &place, material, alpha)?,
             // Transmitted light reaches both sides.
@@ -210,6 +212,24 @@ impl Materials {
         let place = format!("materials[{index}].normalTexture");
         let texture = self.texture(file, scene, map.index, map.tex_coord, transform, &place, false)?;
         Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
+    }
+
+    /// Converts KHR_materials_sheen.
+    fn sheen(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Option<Sheen>, LoadError> {
+        let Some(json) = extensions::of::<extensions::Sheen>(file, place, material)? else { return Ok(None) };
+        let place = format!("{place}.{}", extensions::Sheen::NAME);
+        check_units(file, scene, &format!("{place}.sheenColorFactor"), json.color)?;
+        let factor = Vec3::from(json.color).clamp(Vec3::ZERO, Vec3::ONE);
+        let color = Color { factor, texture: self.plain_texture(file, scene, &place, &json.color_texture, true)? };
+        let factor = ("sheenRoughnessFactor", json.roughness);
+        let roughness = self.scalar(file, scene, &place, factor, &json.roughness_texture, 3)?;
+        Ok((color.factor != Vec3::ZERO).then_some(Sheen { color, roughness }))
     }
 
     /// Converts KHR_materials_clearcoat.
@@ -406,7 +426,7 @@ fn make_unlit(scene: &mut Scene, material: &mut Material, base_color: Color, has
     ));
     material.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() };
     material.emission = Some(Emission { radiance: base_color, two_sided: true });
-    (material.normal_map, material.coat) = (None, None);
+    (material.normal_map, material.sheen, material.coat) = (None, None, None);
     material.sides = Sides::Two;
 }
 

@@ -38,7 +38,7 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 20] = [
+pub const SUPPORTED: [&str; 21] = [
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -50,6 +50,7 @@ pub const SUPPORTED: [&str; 20] = [
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
     "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
@@ -66,7 +67,6 @@ fn substitute(extension: &str) -> &'static str {
     match extension {
         "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
-        "KHR_materials_sheen" => "the base is rendered without its sheen",
         "KHR_materials_iridescence" => "the base is rendered without its film",
         "KHR_materials_anisotropy" => "highlights are rendered isotropic",
         "KHR_materials_dispersion" => "the medium does not disperse",
