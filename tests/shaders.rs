@@ -177,11 +177,13 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
             std::iter::once(set).chain(all).chain(one)
         })
+        // Vertices have tangents with textures.
+        .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
         .collect()
 }
 
-/// Flags of layers on top of materials.
-const LAYERS: [Flag; 2] = [Flag::Sheen, Flag::Coat];
+/// Flags of layers on top of materials, and of stretched lobes.
+const LAYERS: [Flag; 3] = [Flag::Anisotropy, Flag::Sheen, Flag::Coat];
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

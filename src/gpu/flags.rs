@@ -32,6 +32,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Lobes are wider along a tangent than across it. Needs TEXTURES, with which vertices have tangents.
+    Anisotropy = "ANISOTROPY",
     /// Surfaces have a sheen.
     Sheen = "SHEEN",
     /// Surfaces have coats.

@@ -12,7 +12,7 @@ use glam::{Vec2, Vec3};
 
 use super::environment::LUMINANCE;
 use super::microfacet::{
-    self as ggx, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
+    self as ggx, Width, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
 };
 use super::sampler::concentric_disk;
 use super::surface::Surface;
@@ -222,6 +222,12 @@ impl Bsdf {
     /// Returns f |cos_i| and the density per solid angle for a pair of directions, without specular lobes.
     #[must_use]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        self.evaluate_stretched(wo, wi, 1.0)
+    }
+
+    /// Returns the same for a lobe that is `stretch` times as wide along x.
+    #[must_use]
+    pub fn evaluate_stretched(&self, wo: Vec3, wi: Vec3, stretch: f32) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z == 0.0 || (wi.z < 0.0 && !self.transmits()) {
             return (Vec3::ZERO, 0.0);
         }
@@ -232,7 +238,7 @@ impl Bsdf {
         };
         let p = self.shares(wo.z).of_facets();
         if wi.z < 0.0 {
-            let (value, pdf_w) = self.evaluate_passing(wo, wi, alpha);
+            let (value, pdf_w) = self.evaluate_passing(wo, wi, Width { alpha, stretch });
             return (value, p * pdf_w);
         }
         let h = (wo + wi).normalize();
@@ -246,17 +252,18 @@ impl Bsdf {
         let mut value = diffuse * cosine_pdf_w;
         let mut pdf_w = (1.0 - p) * cosine_pdf_w;
         if alpha >= SMOOTH {
+            let width = Width { alpha, stretch };
             // D G F / (4 cos_o cos_i), times cos_i.
-            value += shares.reflected * (ggx::d(h, alpha) / (4.0 * wo.z) * self.masking(wo, wi, alpha));
-            pdf_w += p * shares.of_reflection() * ggx::reflection_pdf_w(wo, h, alpha);
+            value += shares.reflected * (ggx::d(h, width) / (4.0 * wo.z) * self.masking(wo, wi, width));
+            pdf_w += p * shares.of_reflection() * ggx::reflection_pdf_w(wo, h, width);
         }
         (value, pdf_w)
     }
 
     /// Returns value and density of transmission through facets.
-    fn evaluate_passing(&self, wo: Vec3, wi: Vec3, alpha: f32) -> (Vec3, f32) {
+    fn evaluate_passing(&self, wo: Vec3, wi: Vec3, width: Width) -> (Vec3, f32) {
         let bend = self.bend();
-        if alpha < SMOOTH {
+        if width.alpha < SMOOTH {
             return (Vec3::ZERO, 0.0);
         }
         if bend == 1.0 {
@@ -264,8 +271,8 @@ impl Bsdf {
             let mirrored = wi.with_z(-wi.z);
             let h = (wo + mirrored).normalize();
             let shares = self.shares(h.dot(wo).max(0.0));
-            let lobe = ggx::d(h, alpha) / (4.0 * wo.z) * self.masking(wo, mirrored, alpha);
-            return (shares.passed * lobe, (1.0 - shares.of_reflection()) * ggx::reflection_pdf_w(wo, h, alpha));
+            let lobe = ggx::d(h, width) / (4.0 * wo.z) * self.masking(wo, mirrored, width);
+            return (shares.passed * lobe, (1.0 - shares.of_reflection()) * ggx::reflection_pdf_w(wo, h, width));
         }
         // Walter et al. 2007: half vector (eq. 16), Jacobian (eq. 17) and value (eq. 21). The value is
         // divided by bend^2, the scaling of radiance between the media.
@@ -276,21 +283,27 @@ impl Bsdf {
             return (Vec3::ZERO, 0.0);
         }
         let shares = self.shares(cos_o);
-        let facets = ggx::d(h, alpha) * cos_o / wo.z * bend * bend * cos_i / sum.length_squared();
-        let g1 = ggx::g1(wo, alpha);
-        let value = shares.passed * (facets * g1 * ggx::g1(wi, alpha) / (bend * bend));
+        let facets = ggx::d(h, width) * cos_o / wo.z * bend * bend * cos_i / sum.length_squared();
+        let g1 = ggx::g1(wo, width);
+        let value = shares.passed * (facets * g1 * ggx::g1(wi, width) / (bend * bend));
         (value, (1.0 - shares.of_reflection()) * facets * g1)
     }
 
     /// Samples a direction; none if it is on the wrong side of the surface. `fork` is a third random number
     /// for surfaces that transmit.
     #[must_use]
-    pub fn sample(&self, wo: Vec3, mut u: Vec2, fork: f32) -> Option<Sample> {
+    pub fn sample(&self, wo: Vec3, u: Vec2, fork: f32) -> Option<Sample> {
+        self.sample_stretched(wo, u, fork, 1.0)
+    }
+
+    /// Samples a direction of a lobe that is `stretch` times as wide along x.
+    #[must_use]
+    pub fn sample_stretched(&self, wo: Vec3, mut u: Vec2, fork: f32, stretch: f32) -> Option<Sample> {
         if wo.z <= 0.0 {
             return None;
         }
         let rough = |wi: Vec3, eta: f32| {
-            let (value, pdf_w) = self.evaluate(wo, wi);
+            let (value, pdf_w) = self.evaluate_stretched(wo, wi, stretch);
             (pdf_w > 0.0).then(|| Sample { wi, weight: value / pdf_w, pdf_w: Some(pdf_w), eta })
         };
         let Some(alpha) = self.alpha() else { return rough(cosine_hemisphere(u), 1.0) };
@@ -301,7 +314,7 @@ impl Bsdf {
             return rough(cosine_hemisphere(u), 1.0);
         }
         u.x = (u.x / p).min(1.0 - f32::EPSILON / 2.0);
-        let h = if alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, alpha, u) };
+        let h = if alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, Width { alpha, stretch }, u) };
         let cos = wo.dot(h);
         let shares = self.shares(cos);
         let q = shares.of_reflection();
@@ -320,7 +333,7 @@ impl Bsdf {
     }
 
     /// Returns the GGX width; none for a diffuse surface.
-    fn alpha(&self) -> Option<f32> {
+    pub(super) fn alpha(&self) -> Option<f32> {
         match *self {
             Self::Diffuse { .. } => None,
             Self::MetallicRoughness { alpha, .. }
@@ -328,6 +341,19 @@ impl Bsdf {
             | Self::Plastic { alpha, .. }
             | Self::Dielectric { alpha, .. } => Some(alpha),
         }
+    }
+
+    /// Widens a smooth lobe to the least width of a rough one.
+    #[must_use]
+    pub(super) fn roughened(mut self) -> Self {
+        match &mut self {
+            Self::Diffuse { .. } => {}
+            Self::MetallicRoughness { alpha, .. }
+            | Self::Conductor { alpha, .. }
+            | Self::Plastic { alpha, .. }
+            | Self::Dielectric { alpha, .. } => *alpha = alpha.max(SMOOTH),
+        }
+        self
     }
 
     /// Returns the index of refraction on the far side relative to the viewer's as far as it refracts; 1 for
@@ -342,10 +368,10 @@ impl Bsdf {
 
     /// Masking-shadowing function of a reflection: height-correlated in glTF's model, separable in the
     /// others.
-    fn masking(&self, wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
+    fn masking(&self, wo: Vec3, wi: Vec3, width: Width) -> f32 {
         match self {
-            Self::MetallicRoughness { .. } => ggx::g2(wo, wi, alpha),
-            _ => ggx::g1(wo, alpha) * ggx::g1(wi, alpha),
+            Self::MetallicRoughness { .. } => ggx::g2(wo, wi, width),
+            _ => ggx::g1(wo, width) * ggx::g1(wi, width),
         }
     }
 

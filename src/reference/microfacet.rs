@@ -1,52 +1,75 @@
 //! The GGX microfacet distribution (Trowbridge and Reitz 1975; Walter et al. 2007) in a frame whose z is the
-//! shading normal, and Fresnel terms.
+//! shading normal, and Fresnel terms. A lobe may be wider along x than along y.
 
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
+/// GGX widths of a lobe.
+#[derive(Clone, Copy, Debug)]
+pub struct Width {
+    /// Width along y.
+    pub alpha: f32,
+    /// Width along x over that along y.
+    pub stretch: f32,
+}
+
+impl From<f32> for Width {
+    fn from(alpha: f32) -> Self {
+        Self { alpha, stretch: 1.0 }
+    }
+}
+
 /// Normal distribution function D of a half vector with z > 0. It is written in x and y, which keep their
 /// precision where z rounds to 1.
 #[must_use]
-pub fn d(h: Vec3, alpha: f32) -> f32 {
+pub fn d(h: Vec3, width: impl Into<Width>) -> f32 {
+    let Width { alpha, stretch } = width.into();
     let a2 = alpha * alpha;
-    let s = (h.x * h.x + h.y * h.y) / a2 + h.z * h.z;
-    1.0 / (PI * a2 * s * s)
+    let x = h.x / stretch;
+    let s = (x * x + h.y * h.y) / a2 + h.z * h.z;
+    1.0 / (PI * a2 * stretch * s * s)
 }
 
 /// Smith's Lambda of a direction on either side.
-fn lambda(w: Vec3, alpha: f32) -> f32 {
-    let tan2 = (w.x * w.x + w.y * w.y) / (w.z * w.z);
+fn lambda(w: Vec3, width: impl Into<Width>) -> f32 {
+    let Width { alpha, stretch } = width.into();
+    let x = w.x * stretch;
+    let tan2 = (x * x + w.y * w.y) / (w.z * w.z);
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
 }
 
 /// Smith's masking function G1 of one direction.
 #[must_use]
-pub fn g1(w: Vec3, alpha: f32) -> f32 {
-    1.0 / (1.0 + lambda(w, alpha))
+pub fn g1(w: Vec3, width: impl Into<Width>) -> f32 {
+    1.0 / (1.0 + lambda(w, width))
 }
 
 /// Smith's height-correlated masking-shadowing function G2 (Heitz 2014, eq. 99).
 #[must_use]
-pub fn g2(wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
-    1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha))
+pub fn g2(wo: Vec3, wi: Vec3, width: impl Into<Width>) -> f32 {
+    let width = width.into();
+    1.0 / (1.0 + lambda(wo, width) + lambda(wi, width))
 }
 
 /// Density per solid angle of reflection off a visible normal: G1 D / (4 cos_o) (Heitz 2018, eq. 17).
 #[must_use]
-pub fn reflection_pdf_w(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
-    g1(wo, alpha) * d(h, alpha) / (4.0 * wo.z)
+pub fn reflection_pdf_w(wo: Vec3, h: Vec3, width: impl Into<Width>) -> f32 {
+    let width = width.into();
+    g1(wo, width) * d(h, width) / (4.0 * wo.z)
 }
 
 /// Samples a visible normal by spherical caps (Dupuy and Benyoub 2023).
 #[must_use]
-pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: Vec2) -> Vec3 {
-    let stretched = Vec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
+pub fn sample_visible_normal(wo: Vec3, width: impl Into<Width>, u: Vec2) -> Vec3 {
+    let Width { alpha, stretch } = width.into();
+    let along = alpha * stretch;
+    let stretched = Vec3::new(wo.x * along, wo.y * alpha, wo.z).normalize();
     let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
     let r = (1.0 - z * z).max(0.0).sqrt();
     let (sin, cos) = (TAU * u.x).sin_cos();
     let h = Vec3::new(r * cos, r * sin, z) + stretched;
-    Vec3::new(h.x * alpha, h.y * alpha, h.z.max(0.0)).normalize()
+    Vec3::new(h.x * along, h.y * alpha, h.z.max(0.0)).normalize()
 }
 
 /// Returns the cosine of the refracted direction, where the far side's index of refraction is `eta` relative

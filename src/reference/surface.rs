@@ -8,7 +8,7 @@ use super::layers::{Coat, Layered};
 use super::sheen::Sheen;
 use super::texture::Textures;
 use crate::scene::model::geometry::Vertex;
-use crate::scene::{Boundary, Geometry, Material, NormalMap, Opacity, Scene, Sides};
+use crate::scene::{Anisotropy, Boundary, Geometry, Material, NormalMap, Opacity, Scene, Sides, TextureRef};
 
 /// An orthonormal basis around a shading normal.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +36,13 @@ impl Frame {
         }
     }
 
+    /// Builds a basis around a unit vector whose x is nearest to a direction; none if they are parallel.
+    #[must_use]
+    pub fn along(z: Vec3, direction: Vec3) -> Option<Self> {
+        let x = (direction - z * z.dot(direction)).try_normalize()?;
+        Some(Self { x, y: z.cross(x), z })
+    }
+
     /// Transforms a vector from world space into the basis.
     #[must_use]
     pub fn local(&self, w: Vec3) -> Vec3 {
@@ -55,8 +62,10 @@ pub struct Surface<'s> {
     pub position: Vec3,
     /// Unit geometric normal on the viewer's side.
     pub normal: Vec3,
-    /// Basis around the shading normal on the viewer's side.
+    /// Basis around the shading normal on the viewer's side; x is the direction in which a lobe is stretched.
     pub frame: Frame,
+    /// Strength of the lobe's stretch.
+    pub anisotropy: f32,
     /// Normal of the coat on the viewer's side; without one, that of the mesh.
     pub coat_normal: Vec3,
     /// True if the viewer sees the counter-clockwise side.
@@ -176,24 +185,38 @@ impl<'s> Surfaces<'s> {
         let smooth = hit.mix(corners.map(|c| c.normal)).try_normalize().unwrap_or(flat);
         let index = self.geometry.materials[hit.triangle as usize] as usize;
         let material = &self.materials[index];
+        // The tangent along u, or the mesh's own, with the sign of the bitangent.
+        let tangent = |texture: Option<TextureRef>| {
+            let own = hit.mix(corners.map(|c| c.tangent.truncate()));
+            match corners[0].tangent.w {
+                0.0 => {
+                    let set = texture.map_or(0, |texture| texture.uv_set as usize & 1);
+                    tangent_from_uv(corners.map(|c| c.position), corners.map(|c| c.uvs[set]), smooth)
+                }
+                handedness => Some((own, handedness)),
+            }
+        };
         let bent = |map: &Option<NormalMap>| {
             let Some(map) = map else { return smooth };
-            let tangent = hit.mix(corners.map(|c| c.tangent.truncate()));
-            let handedness = corners[0].tangent.w;
-            let tangent = if handedness == 0.0 {
-                let set = map.texture.uv_set as usize & 1;
-                tangent_from_uv(corners.map(|c| c.position), corners.map(|c| c.uvs[set]), smooth)
-            } else {
-                Some((tangent, handedness))
-            };
-            tangent.map_or(smooth, |(tangent, handedness)| bend(map, &self.textures, uvs, smooth, tangent, handedness))
+            tangent(Some(map.texture))
+                .map_or(smooth, |(tangent, handedness)| bend(map, &self.textures, uvs, smooth, tangent, handedness))
         };
         let shading = bent(&material.normal_map);
         let coat = material.coat.as_ref().map_or(smooth, |coat| bent(&coat.normal_map));
+        let normal = shading * side;
+        let stretched = material.anisotropy.as_ref().and_then(|anisotropy| {
+            let (tangent, handedness) = tangent(anisotropy.texture)?;
+            let (direction, strength) = stretch(anisotropy, &self.textures, uvs);
+            let Frame { x, y, .. } = Frame::along(smooth, tangent)?;
+            let frame = Frame::along(normal, x * direction.x + y * (handedness * direction.y))?;
+            (strength > 0.0).then_some((frame, strength))
+        });
+        let (frame, anisotropy) = stretched.unwrap_or_else(|| (Frame::new(normal), 0.0));
         Surface {
             position: hit.mix(corners.map(|c| c.position)),
             normal: flat * side,
-            frame: Frame::new(shading * side),
+            frame,
+            anisotropy,
             coat_normal: coat * side,
             front,
             uvs,
@@ -208,8 +231,11 @@ impl<'s> Surfaces<'s> {
     pub fn bsdf(&self, surface: &Surface) -> Option<Layered> {
         let (index, material) = surface.material;
         let counts = surface.front || material.sides == Sides::Two || material.bsdf.transmits();
-        counts.then(|| Layered {
-            base: Bsdf::new(material, self.prepared[index], &self.textures, surface),
+        let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
+        let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
+        counts.then(base).map(|base| Layered {
+            stretch: base.alpha().map_or(1.0, |alpha| (Anisotropy::width(surface.anisotropy, alpha) / alpha).max(1.0)),
+            base,
             sheen: material.sheen.as_ref().map(|sheen| Sheen::new(sheen, &self.textures, surface)),
             coat: material.coat.as_ref().map(|coat| Coat::new(coat, &self.textures, surface)),
         })
@@ -228,6 +254,14 @@ fn tangent_from_uv(p: [Vec3; 3], uv: [Vec2; 3], normal: Vec3) -> Option<(Vec3, f
     let along_u = (p1 * t2.y - p2 * t1.y) / det;
     let up = (p1 * t2.x - p2 * t1.x) / det;
     Some((along_u, 1.0_f32.copysign(normal.cross(along_u).dot(up))))
+}
+
+/// Returns the direction of a lobe's stretch in terms of tangent and bitangent, and its strength.
+fn stretch(anisotropy: &Anisotropy, textures: &Textures, uvs: [Vec2; 2]) -> (Vec2, f32) {
+    let rotation = Vec2::from_angle(anisotropy.rotation);
+    let Some(texture) = &anisotropy.texture else { return (rotation, anisotropy.strength) };
+    let texel = textures.fetch(texture, uvs).truncate();
+    (rotation.rotate(texel.truncate() * 2.0 - 1.0), anisotropy.strength * texel.z)
 }
 
 /// Applies a normal map; the shading normal stays where the result is degenerate.

@@ -212,6 +212,9 @@ layouts! {
         sheen_roughness_texture: u32,
         sheen: [f32; 3],
         sheen_roughness: f32,
+        anisotropy_direction: [f32; 2],
+        anisotropy: f32,
+        anisotropy_texture: u32,
     }
 
     /// One use of a texture by a material.
@@ -509,7 +512,7 @@ impl LightVertex {
     #[must_use]
     pub fn bytes(flags: &[Flag]) -> usize {
         let bytes = |flag, bytes: usize| if flags.contains(&flag) { bytes } else { 0 };
-        size_of::<Self>() + bytes(Flag::Sheen, 16) + bytes(Flag::Coat, 32)
+        size_of::<Self>() + bytes(Flag::Anisotropy, 16) + bytes(Flag::Sheen, 16) + bytes(Flag::Coat, 32)
     }
 }
 
@@ -540,7 +543,10 @@ impl Shading {
     pub fn bytes(flags: &[Flag]) -> u64 {
         let glossy = flags.contains(&Flag::Glossy);
         let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
-        let parts = [Flag::Transmission, Flag::Sheen, Flag::Coat].iter().filter(|flag| flags.contains(flag)).count();
+        let parts = [Flag::Transmission, Flag::Anisotropy, Flag::Sheen, Flag::Coat]
+            .iter()
+            .filter(|flag| flags.contains(flag))
+            .count();
         (bytes + 16 * parts) as u64
     }
 }

@@ -541,6 +541,11 @@ fn layers_are_read() {
     assert!(scene.textures[sheen.color.texture.unwrap().texture].srgb);
     assert_eq!(channel(sheen.roughness), Some((0, 3)));
 
+    draft.json["materials"][0]["extensions"]["KHR_materials_anisotropy"] =
+        json!({ "anisotropyStrength": 0.6, "anisotropyRotation": 1.5, "anisotropyTexture": { "index": 0 } });
+    let anisotropy = draft.load("brushed.gltf").materials[0].anisotropy.unwrap();
+    assert_eq!((anisotropy.strength, anisotropy.rotation, anisotropy.texture.is_some()), (0.6, 1.5, true));
+
     // A coat without weight is none.
     draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"] = json!(0);
     assert_eq!(draft.load("no_coat.gltf").materials[0].coat, None);

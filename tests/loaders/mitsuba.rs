@@ -11,8 +11,8 @@ use lightsheaf::reference::environment::Sky;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{
-    self, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Opacity, Projection, Rows,
-    Scene, Sides, SpotFalloff, Wrap,
+    self, Anisotropy, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Opacity,
+    Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
 };
 
 /// Creates an empty folder for a test's files.
@@ -410,12 +410,36 @@ fn bsdfs_become_the_model() {
     let Bsdf::Plastic { alpha, eta, .. } = bsdf(r#"<bsdf type="roughplastic"/>"#) else { panic!("not plastic") };
     assert_eq!(alpha.factor, 0.1);
     assert!((eta - 1.49 / 1.000_277).abs() < 1e-6);
-    let Bsdf::Conductor { alpha, .. } = bsdf(
-        r#"<bsdf type="roughconductor"><float name="alpha_u" value="0.1"/><float name="alpha_v" value="0.4"/></bsdf>"#,
-    ) else {
-        panic!("not a conductor")
+}
+
+/// The smaller width is the BSDF's, and the stretch leads to the greater one.
+#[test]
+fn stretched_lobes_become_the_model() {
+    let material = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials.remove(0);
+    for (u, v, rotation) in [(0.1, 0.4, std::f32::consts::FRAC_PI_2), (0.4, 0.1, 0.0)] {
+        let metal = material(&format!(
+            r#"<bsdf type="roughconductor"><float name="alpha_u" value="{u}"/><float name="alpha_v" value="{v}"/></bsdf>"#
+        ));
+        let (Bsdf::Conductor { alpha, .. }, Some(anisotropy)) = (metal.bsdf, metal.anisotropy) else {
+            panic!("{metal:?}")
+        };
+        assert_eq!((alpha.factor, anisotropy.rotation), (0.1, rotation));
+        assert!((Anisotropy::width(anisotropy.strength, 0.1) - 0.4).abs() < 1e-6);
+    }
+    let equal =
+        r#"<bsdf type="roughconductor"><float name="alpha_u" value="0.2"/><float name="alpha_v" value="0.2"/></bsdf>"#;
+    assert_eq!(material(equal).anisotropy, None);
+
+    // The widths of `principled` are r^2 / a and r^2 a with a^2 = 1 - 0.9 anisotropic.
+    let metal = material(
+        r#"<bsdf type="principled"><float name="roughness" value="0.5"/><float name="anisotropic" value="0.8"/></bsdf>"#,
+    );
+    let (Bsdf::MetallicRoughness { roughness, .. }, Some(anisotropy)) = (metal.bsdf, metal.anisotropy) else {
+        panic!("{metal:?}")
     };
-    assert!((alpha.factor - 0.2).abs() < 1e-6);
+    let aspect = 0.28_f32.sqrt();
+    assert!((roughness.factor.powi(2) - 0.25 * aspect).abs() < 1e-6, "{roughness:?}");
+    assert!((Anisotropy::width(anisotropy.strength, 0.25 * aspect) - 0.25 / aspect).abs() < 1e-6);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use glam::{DVec3, Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Gpu};
 use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{
-    Boundary, Cone, Emission, Environment, Fresnel, Lamp, Light, Material, Rows, Scene, SpotFalloff,
+    Boundary, Cone, Emission, Environment, Fresnel, Lamp, Light, Material, Mesh, Rows, Scene, SpotFalloff,
 };
 use lightsheaf::settings::{LightSampling, Settings, Technique};
 
@@ -109,7 +109,9 @@ fn test_directions(oracle: &Oracle, draw: DrawQuestion, pdf: DrawQuestion) -> f6
 
 fn plate(material: Material) -> Scene {
     let mut scene = Scene { cameras: vec![pinhole(Vec3::Y, Vec3::NEG_Y, 1.0)], ..Scene::default() };
-    add(&mut scene, floor(1.0, 0.0), material);
+    let floor = floor(1.0, 0.0);
+    let tangents = vec![glam::Vec4::new(1.0, 0.0, 0.0, 1.0); floor.positions.len()];
+    add(&mut scene, Mesh { tangents, ..floor }, material);
     scene
 }
 
@@ -129,6 +131,8 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("coated glass", scenes::coated(0.4, scenes::glass(0.4, 1.5, clear))),
         ("sheen on metal", scenes::velvet(0.4, scenes::conductor(0.3, Fresnel::None))),
         ("sheen under a coat", scenes::coated(0.5, scenes::velvet(0.6, scenes::plastic(0.3)))),
+        ("brushed metal", scenes::stretched(0.7, scenes::conductor(0.3, Fresnel::None))),
+        ("brushed glass under a coat", scenes::coated(0.6, scenes::stretched(0.6, scenes::glass(0.3, 1.5, clear)))),
         ("glTF volume", scenes::gltf(0.6, 0.1, 0.7, clear)),
         ("glTF sheet", scenes::gltf(0.6, 0.1, 0.7, Boundary::Sheet)),
         ("glass", scenes::glass(0.4, 1.5, clear)),

@@ -2,8 +2,8 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Boundary, Bsdf, Coat, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh,
-    NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material,
+    Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -130,6 +130,27 @@ pub fn sheens() -> Scene {
         velvet(0.5, conductor(0.0, Fresnel::None)),
         coated(0.4, velvet(0.6, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
     ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a material with a stretched lobe.
+pub fn stretched(strength: f32, material: Material) -> Material {
+    Material { anisotropy: Some(Anisotropy { strength, rotation: 0.4, texture: None }), ..material }
+}
+
+/// Returns stretched lobes of metal, plastic and glTF's mixture, one of them under a coat.
+pub fn brushed() -> Scene {
+    let mut scene = balls([
+        stretched(0.9, conductor(0.1, Fresnel::None)),
+        stretched(0.7, plastic(0.2)),
+        stretched(0.5, gltf(0.0, 1.0, 0.0, Boundary::Sheet)),
+        coated(0.4, stretched(0.8, gltf(0.4, 0.5, 0.0, Boundary::Sheet))),
+    ]);
+    // Tangents go around the balls.
+    for mesh in scene.meshes.iter_mut().filter(|mesh| mesh.normals.len() == mesh.positions.len()) {
+        mesh.tangents = mesh.normals.iter().map(|n| Vec3::Y.cross(*n).normalize_or_zero().extend(1.0)).collect();
+    }
     lamp(&mut scene, 3.0, false);
     scene
 }

@@ -335,6 +335,50 @@ fn sheens() {
 }
 
 #[test]
+fn stretched_lobes() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(15);
+    let flags = [Flag::Glossy, Flag::Anisotropy, Flag::Coat, Flag::Textures];
+    for tangents in [true, false] {
+        let materials = (0..200)
+            .map(|i| {
+                let strength = [0.0, 1.0, random.unit()][random.below(3)];
+                let anisotropy = Some(Anisotropy { strength, rotation: random.between(-4.0, 4.0), texture: None });
+                let coat = if i % 3 == 0 { coat(0.3, &mut random) } else { None };
+                let width = random.between(0.03, 0.5);
+                Material { anisotropy, coat, ..material(1 + i % 3, width, &mut random) }
+            })
+            .collect();
+        let mut scene = scene_of(materials, false, &mut random);
+        if !tangents {
+            scene.meshes.iter_mut().for_each(|mesh| mesh.tangents.clear());
+        }
+        let [values, ..] = surfaces(gpu, &scene, &flags, 1e-2, &mut random);
+        compare("stretched lobes", PLASTIC, &values);
+        let round = [Flag::Glossy, Flag::Coat, Flag::Textures];
+        let [round, ..] = surfaces(gpu, &scene, &round, 1e-2, &mut random);
+        let off = round.iter().filter(|(a, b, _)| !agree(*a, *b, PLASTIC)).count();
+        assert!(off * 4 > round.len(), "the stretch does nothing: {off}");
+    }
+
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let linear: Vec<usize> =
+        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let materials = (0..200)
+        .map(|i| {
+            let texture = Some(reference_to(linear[random.below(linear.len() as u64)], &mut random));
+            let anisotropy = Some(Anisotropy { strength: 0.9, rotation: random.between(-4.0, 4.0), texture });
+            Material { anisotropy, ..material(1 + i % 3, 0.5, &mut random) }
+        })
+        .collect();
+    let mut scene = scene_of(materials, false, &mut random);
+    (scene.images, scene.textures) = (textures.images, textures.textures);
+    let [values, ..] = surfaces(gpu, &scene, &flags, 0.25, &mut random);
+    compare("stretch by a texture", FILTERED, &from_one(&values));
+}
+
+#[test]
 fn vertex_colors() {
     let Some(gpu) = common::gpu() else { return };
     let mut random = Random(2);

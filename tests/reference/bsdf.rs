@@ -39,16 +39,17 @@ fn layered() -> Vec<(String, Layered)> {
         for (alpha, weight, tilt) in [(0.1, 1.0, 0.0), (0.4, 0.6, 0.0), (0.2, 1.0, 0.3)] {
             let frame = Frame::new(Vec3::new(tilt, -tilt, 1.0).normalize());
             let coat = Some(Coat { weight, alpha, frame });
-            all.push((
-                format!("{name} under a coat of {alpha}, tilted by {tilt}"),
-                Layered { base, sheen: None, coat },
-            ));
+            all.push((format!("{name} under a coat of {alpha}, tilted by {tilt}"), Layered { coat, ..base.into() }));
         }
         let sheen = |roughness| Some(Sheen { color: Vec3::new(0.9, 0.6, 0.3), roughness });
         all.push((format!("{name} under a sheen of 0.3"), Layered { sheen: sheen(0.3), ..base.into() }));
         all.push((format!("{name} under a sheen of 0.9"), Layered { sheen: sheen(0.9), ..base.into() }));
         let coat = Some(Coat { weight: 1.0, alpha: 0.2, frame: Frame::UP });
-        all.push((format!("{name} under a sheen of 0.6 and a coat"), Layered { base, sheen: sheen(0.6), coat }));
+        all.push((
+            format!("{name} under a sheen of 0.6 and a coat"),
+            Layered { sheen: sheen(0.6), coat, ..base.into() },
+        ));
+        all.push((format!("{name}, stretched"), Layered { stretch: 2.5, ..base.into() }));
     }
     all
 }
@@ -221,13 +222,13 @@ fn chi_square(bsdf: &Layered, wo: Vec3, warps: [Warp; 2], seed: u64, scale: f64)
 
 #[test]
 fn samples_follow_their_density() {
-    // The tests have a significance of 1 % in all (Sidak): with 195 of them, 0.0051 % each, a deviate of 3.88.
+    // The tests have a significance of 1 % in all (Sidak): with 204 of them, 0.0049 % each, a deviate of 3.9.
     let mut tests = 0;
     let mut follows = |name: &str, bsdf: &Layered, wo: Vec3, warps: [Warp; 2]| {
         let (statistic, freedom) = chi_square(bsdf, wo, warps, 17 + tests % 3, 1.0);
         let z = deviate(statistic, freedom);
         assert!(
-            z < 3.88,
+            z < 3.9,
             "{name}, wo {wo}: chi-square {statistic:.0} with {freedom} degrees of freedom, deviate {z:.1}"
         );
         tests += 1;
@@ -237,7 +238,7 @@ fn samples_follow_their_density() {
         layered().iter().for_each(|(name, bsdf)| follows(name, bsdf, wo, [EVEN; 2]));
         passing().iter().flatten().for_each(|p| follows(&p.name, &p.bsdf.into(), wo, p.warps(wo)));
     }
-    assert_eq!(tests, 195);
+    assert_eq!(tests, 204);
 }
 
 #[test]

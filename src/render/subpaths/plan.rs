@@ -80,11 +80,12 @@ fn light_sampling(scene: &Scene, stats: &SceneStats, settings: &Settings) -> Lig
 fn flags(scene: &Scene, stats: &SceneStats, settings: &Settings, light_sampling: LightSampling) -> Vec<Flag> {
     let glossy = stats.glossy_triangles > 0;
     let flags = [
-        (Flag::Textures, stats.texels > 0),
+        (Flag::Textures, stats.texels > 0 || stats.anisotropic),
         (Flag::VertexColors, stats.vertex_colors),
         (Flag::Glossy, glossy),
         (Flag::Specular, glossy),
         (Flag::Transmission, glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
+        (Flag::Anisotropy, stats.anisotropic),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),
         (Flag::Masks, stats.masked_triangles > 0),

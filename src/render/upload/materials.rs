@@ -76,8 +76,16 @@ pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts:
         coat_normal_texture: NONE,
         sheen_texture: NONE,
         sheen_roughness_texture: NONE,
+        anisotropy_texture: NONE,
         ..Default::default()
     };
+    if let Some(anisotropy) = &m.anisotropy {
+        out.anisotropy = anisotropy.strength;
+        out.anisotropy_direction = [anisotropy.rotation.cos(), anisotropy.rotation.sin()];
+        if let Some(texture) = &anisotropy.texture {
+            out.anisotropy_texture = atlas.add(scene, texture, 0);
+        }
+    }
     if let Some(sheen) = &m.sheen {
         (out.sheen, out.sheen_texture) = atlas.color(scene, &sheen.color);
         (out.sheen_roughness, out.sheen_roughness_texture) = atlas.scalar(scene, &sheen.roughness);

@@ -208,6 +208,36 @@ impl Coat {
     pub const F0: f32 = 0.04;
 }
 
+/// Stretch of a material's GGX lobe along a tangent (KHR_materials_anisotropy): its width there is mix(alpha, 1,
+/// strength^2), and alpha across. A mesh without texture coordinates has no tangents and a round lobe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anisotropy {
+    /// Strength, in [0, 1].
+    pub strength: f32,
+    /// Direction of the greater width, radians from the tangent towards the bitangent.
+    pub rotation: f32,
+    /// Red and green are the cosine and sine of a further rotation, mapped from [-1, 1], and blue multiplies
+    /// the strength.
+    pub texture: Option<TextureRef>,
+}
+
+impl Anisotropy {
+    /// Returns the stretch of a lobe of these widths along tangent and bitangent; none if they are equal. The
+    /// lobe's alpha is the smaller one.
+    #[must_use]
+    pub fn of_widths(along: f32, across: f32) -> Option<Self> {
+        let (least, most) = (along.min(across), along.max(across).min(1.0));
+        let rotation = if along >= across { 0.0 } else { std::f32::consts::FRAC_PI_2 };
+        (most > least).then(|| Self { strength: ((most - least) / (1.0 - least)).sqrt(), rotation, texture: None })
+    }
+
+    /// Returns the lobe's width along the direction.
+    #[must_use]
+    pub fn width(strength: f32, alpha: f32) -> f32 {
+        alpha + (1.0 - alpha) * strength * strength
+    }
+}
+
 /// Fibres on a surface that scatter light at grazing angles, as velvet does, below a coat (KHR_materials_sheen).
 ///
 /// f = color D G2 / (4 cos cos) + min(1 - c E(cos_i), 1 - c E(cos_o)) f_below, with the exponentiated sine as D, the
@@ -290,6 +320,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
+    /// Stretch of the BSDF's lobe; none for a round lobe.
+    pub anisotropy: Option<Anisotropy>,
     /// Fibres on top of it, if any.
     pub sheen: Option<Sheen>,
     /// Varnish on top of both, if any.
@@ -310,6 +342,7 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
+            anisotropy: None,
             sheen: None,
             coat: None,
             opacity: None,
@@ -326,9 +359,11 @@ impl Material {
 
     /// Returns the texture whose coordinates define the mesh's tangents, if the material needs tangents.
     #[must_use]
-    pub fn tangent_texture(&self) -> Option<&TextureRef> {
+    pub fn tangent_texture(&self) -> Option<TextureRef> {
         let coat = self.coat.as_ref().and_then(|coat| coat.normal_map.as_ref());
-        self.normal_map.as_ref().or(coat).map(|map| &map.texture)
+        let map = self.normal_map.as_ref().or(coat).map(|map| map.texture);
+        // Without any texture the first set of coordinates counts.
+        map.or_else(|| self.anisotropy.map(|a| a.texture.unwrap_or(TextureRef::new(0))))
     }
 
     /// Returns GGX width and reflectance at normal incidence of each specular lobe, without those that have a

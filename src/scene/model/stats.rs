@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if any surface has a stretched lobe.
+    pub anisotropic: bool,
     /// True if any surface has a sheen.
     pub sheens: bool,
     /// True if any surface has a coat.
@@ -124,6 +126,7 @@ impl SceneStats {
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.bsdf.transmits()) > 0,
+            anisotropic: count(&|m| m.anisotropy.is_some()) > 0,
             sheens: count(&|m| m.sheen.is_some()) > 0,
             coats: count(&|m| m.coat.is_some()) > 0,
             narrow_metals: count(&is_narrow_metal) > 0,

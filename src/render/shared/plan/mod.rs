@@ -399,12 +399,13 @@ fn resolutions(stats: &SceneStats, settings: &Settings, fast: bool, many_maps: b
 /// Returns the flags of shaders that read surfaces or eye vertices.
 fn surface_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec<Flag> {
     chosen([
-        (Flag::Textures, stats.texels > 0),
+        (Flag::Textures, stats.texels > 0 || stats.anisotropic),
         (Flag::VertexColors, stats.vertex_colors),
         (Flag::Glossy, stats.glossy_triangles > 0),
         (Flag::Masks, stats.masked_triangles > 0),
         (Flag::Specular, own_directions),
         (Flag::Transmission, own_directions && stats.transmits),
+        (Flag::Anisotropy, stats.anisotropic),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),
         (Flag::Caustics, caustics),

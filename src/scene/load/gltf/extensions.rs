@@ -63,6 +63,21 @@ impl Extension for Sheen {
     const NAME: &str = "KHR_materials_sheen";
 }
 
+/// KHR_materials_anisotropy.
+#[derive(Deserialize)]
+pub(super) struct Anisotropy {
+    #[serde(default, rename = "anisotropyStrength")]
+    pub strength: f32,
+    #[serde(default, rename = "anisotropyRotation")]
+    pub rotation: f32,
+    #[serde(rename = "anisotropyTexture")]
+    pub texture: Option<Info>,
+}
+
+impl Extension for Anisotropy {
+    const NAME: &str = "KHR_materials_anisotropy";
+}
+
 /// A normal map with the texture transform that the parser's own type omits.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]

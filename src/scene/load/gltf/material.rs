@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use super::extensions::{self, Clearcoat, Extension as _, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Boundary, Bsdf, Coat, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar, Scene,
-    Sheen, Sides, Texture, TextureRef, Wrap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar,
+    Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -83,6 +83,7 @@ impl Materials {
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
         let normal_map = self.normal_map(file, scene, index, material)?;
+        let anisotropy = self.anisotropy(file, scene, &place, material)?;
         let sheen = self.sheen(file, scene, &place, material)?;
         let coat = self.coat(file, scene, &place, material)?;
 
@@ -95,6 +96,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
+            anisotropy,
             sheen,
             coat,
             opacity: opacity(file, &place, material, alpha)?,
@@ -212,6 +214,25 @@ impl Materials {
         let place = format!("materials[{index}].normalTexture");
         let texture = self.texture(file, scene, map.index, map.tex_coord, transform, &place, false)?;
         Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
+    }
+
+    /// Converts KHR_materials_anisotropy.
+    fn anisotropy(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Option<Anisotropy>, LoadError> {
+        let Some(json) = extensions::of::<extensions::Anisotropy>(file, place, material)? else { return Ok(None) };
+        let place = format!("{place}.{}", extensions::Anisotropy::NAME);
+        check_units(file, scene, &format!("{place}.anisotropyStrength"), [json.strength])?;
+        if !json.rotation.is_finite() {
+            return Err(file.error(place, format!("an anisotropyRotation of {} is not a number", json.rotation)));
+        }
+        let texture = self.plain_texture(file, scene, &place, &json.texture, false)?;
+        let strength = json.strength.clamp(0.0, 1.0);
+        Ok((strength > 0.0).then_some(Anisotropy { strength, rotation: json.rotation, texture }))
     }
 
     /// Converts KHR_materials_sheen.
@@ -426,7 +447,7 @@ fn make_unlit(scene: &mut Scene, material: &mut Material, base_color: Color, has
     ));
     material.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() };
     material.emission = Some(Emission { radiance: base_color, two_sided: true });
-    (material.normal_map, material.sheen, material.coat) = (None, None, None);
+    (material.normal_map, material.anisotropy, material.sheen, material.coat) = (None, None, None, None);
     material.sides = Sides::Two;
 }
 

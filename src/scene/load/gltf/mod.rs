@@ -38,7 +38,7 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 21] = [
+pub const SUPPORTED: [&str; 22] = [
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -46,6 +46,7 @@ pub const SUPPORTED: [&str; 21] = [
     "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -68,7 +69,6 @@ fn substitute(extension: &str) -> &'static str {
         "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
         "KHR_materials_iridescence" => "the base is rendered without its film",
-        "KHR_materials_anisotropy" => "highlights are rendered isotropic",
         "KHR_materials_dispersion" => "the medium does not disperse",
         "KHR_node_visibility" => "all nodes are visible",
         "EXT_lights_image_based" => {
@@ -472,7 +472,9 @@ fn add_tangents(
         Some(texture) => {
             let uv_set = texture.uv_set as usize;
             if mesh.uvs[uv_set].is_empty() {
-                warnings.push(format!("{place} has no TEXCOORD_{uv_set}: its normal map has no effect"));
+                warnings.push(format!(
+                    "{place} has no TEXCOORD_{uv_set}: its normal map or the stretch of its highlights has no effect"
+                ));
             }
             if let Some(vertices) = tangents::generate(mesh, uv_set, texture.transform) {
                 deformation.select(&vertices);

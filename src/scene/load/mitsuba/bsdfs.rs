@@ -13,7 +13,8 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides, Texture, TextureRef,
+    Anisotropy, Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides, Texture,
+    TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
@@ -60,7 +61,8 @@ impl<'a> Loader<'a> {
                 let plain = Material::diffuse(name, Vec3::ONE);
                 let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
                 let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
-                let material = Material { bsdf, opacity, boundary, sides: Sides::One, ..plain };
+                let anisotropy = self.anisotropy(&plugin)?;
+                let material = Material { bsdf, anisotropy, opacity, boundary, sides: Sides::One, ..plain };
                 Surface { material, basis: None, bump: false }
             }
         };
@@ -293,16 +295,23 @@ impl<'a> Loader<'a> {
         })
     }
 
+    /// Returns the roughness of `principled`.
+    fn roughness(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
+        Ok(self.scalar_parameter(plugin, "roughness")?.unwrap_or(0.5.into()))
+    }
+
     /// Converts Mitsuba 3's `principled`: its base is glTF's model; the other lobes are omitted.
     fn principled(&mut self, plugin: &Plugin<'a>) -> Result<Bsdf, LoadError> {
         let specular = plugin.float("specular")?;
         // Disney's `specular` is F0 / 0.08, and F0 = ((eta - 1) / (eta + 1))^2.
         let root = (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt();
         let ior = plugin.float("eta")?.unwrap_or((1.0 + root) / (1.0 - root));
+        let roughness = self.roughness(plugin)?;
         Ok(Bsdf::MetallicRoughness {
             base_color: self.color_parameter(plugin, "base_color")?.unwrap_or(grey(0.5)),
             metallic: self.scalar_parameter(plugin, "metallic")?.unwrap_or(0.0.into()),
-            roughness: self.scalar_parameter(plugin, "roughness")?.unwrap_or(0.5.into()),
+            // The lobe's width across its direction is aspect * roughness^2.
+            roughness: Scalar { factor: roughness.factor * aspect(plugin, &roughness)?.sqrt(), ..roughness },
             ior: ior.max(1.0),
             specular: 1.0.into(),
             specular_color: grey(1.0),
@@ -319,9 +328,13 @@ impl<'a> Loader<'a> {
         }
         let [u, v] = [self.scalar_parameter(plugin, "alpha_u")?, self.scalar_parameter(plugin, "alpha_v")?];
         let alpha = match (u, v) {
+            // The stretch of the lobe beyond the smaller width is the material's anisotropy.
+            (Some(u), Some(v)) if u.texture.is_none() && v.texture.is_none() => Scalar::from(u.factor.min(v.factor)),
             (Some(u), Some(v)) => {
                 if u != v {
-                    self.warn("anisotropic lobes are drawn isotropic, as wide as the geometric mean");
+                    self.warn(
+                        "lobes with a texture of alpha_u or alpha_v are drawn isotropic, as wide as the geometric mean",
+                    );
                 }
                 Scalar { factor: (u.factor * v.factor).max(0.0).sqrt(), texture: u.texture.or(v.texture) }
             }
@@ -332,6 +345,20 @@ impl<'a> Loader<'a> {
             self.warn(format!("{}: alpha {} is taken as the nearest in [0, 1]", plugin.element.title(), alpha.factor));
         }
         Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
+    }
+
+    /// Returns the stretch of a lobe whose alpha_u and alpha_v are different numbers, or of `principled`.
+    fn anisotropy(&mut self, plugin: &Plugin<'a>) -> Result<Option<Anisotropy>, LoadError> {
+        if plugin.element.plugin() == "principled" {
+            let roughness = self.roughness(plugin)?;
+            let (width, aspect) = (roughness.factor * roughness.factor, aspect(plugin, &roughness)?);
+            return Ok(Anisotropy::of_widths(width / aspect, width * aspect));
+        }
+        let width = |this: &mut Self, name| {
+            Ok::<_, LoadError>(this.scalar_parameter(plugin, name)?.filter(|width| width.texture.is_none()))
+        };
+        let (Some(u), Some(v)) = (width(self, "alpha_u")?, width(self, "alpha_v")?) else { return Ok(None) };
+        Ok(Anisotropy::of_widths(u.factor.clamp(0.0, 1.0), v.factor.clamp(0.0, 1.0)))
     }
 
     /// Returns an index of refraction, given as a number or a name.
@@ -351,6 +378,15 @@ impl<'a> Loader<'a> {
     fn outside_index(&mut self, plugin: &Plugin<'a>, name: &str) -> Result<f32, LoadError> {
         self.index(plugin, name, 1.0)
     }
+}
+
+/// Returns the ratio of `principled`'s width along v to the round one; 1 for a roughness with a texture.
+fn aspect(plugin: &Plugin, roughness: &Scalar) -> Result<f32, LoadError> {
+    let anisotropic = match plugin.get("anisotropic") {
+        Some(element) if roughness.texture.is_none() && !is_texture(element) => plugin.float("anisotropic")?,
+        _ => None,
+    };
+    Ok((1.0 - 0.9 * anisotropic.unwrap_or(0.0).clamp(0.0, 1.0)).sqrt())
 }
 
 /// Returns the normal map of a height field, and the steepest slope, by which its xy is divided.
