@@ -14,7 +14,7 @@ use wgpu::naga;
 const OPAQUE: &[(&str, &str)] = &[("LightVertex", "bsdf")];
 
 /// Flags of layers on top of materials.
-const LAYERS: [Flag; 3] = [Flag::Anisotropy, Flag::Sheen, Flag::Coat];
+const LAYERS: [Flag; 4] = [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
 
 /// Structs of the library's shaders and of the tests' own.
 fn all() -> Vec<Described> {
@@ -84,7 +84,8 @@ fn structs_agree_with_the_shaders() {
 /// Structs with conditional fields have the sizes that the host computes for them.
 #[test]
 fn sizes_follow_the_flags() {
-    let optional = [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
+    let optional =
+        [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
     for on in 0..=optional.len() {
         let flags = [&[Flag::Rays, Flag::Bvh, Flag::Textures], &optional[..on]].concat();
         let module = parse("shared/paths/connect", &flags);

@@ -183,7 +183,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
 }
 
 /// Flags of layers on top of materials, and of stretched lobes.
-const LAYERS: [Flag; 3] = [Flag::Anisotropy, Flag::Sheen, Flag::Coat];
+const LAYERS: [Flag; 4] = [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

@@ -32,6 +32,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Thin films tint reflections.
+    Film = "FILM",
     /// Lobes are wider along a tangent than across it. Needs TEXTURES, with which vertices have tangents.
     Anisotropy = "ANISOTROPY",
     /// Surfaces have a sheen.

@@ -11,6 +11,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::{Vec2, Vec3};
 
 use super::environment::LUMINANCE;
+use super::film::Film;
 use super::microfacet::{
     self as ggx, Width, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
 };
@@ -43,6 +44,8 @@ pub enum Bsdf {
         transmission: f32,
         /// Index of refraction on the far side relative to the viewer's; 1 transmits without refraction.
         bend: f32,
+        /// Thin film that tints reflections.
+        film: Option<Film>,
     },
     /// A rough or smooth conductor.
     Conductor {
@@ -166,6 +169,7 @@ impl Bsdf {
                     transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
                     // An opaque surface has no interior. glTF's indices below 1 request full reflection.
                     bend: if sheet || !material.bsdf.transmits() { 1.0 } else { beyond(ior.max(1.0)) },
+                    film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),
                 }
             }
             scene::Bsdf::Conductor { alpha, fresnel, specular } => Self::Conductor {
@@ -380,12 +384,17 @@ impl Bsdf {
         let opaque = |reflected, diffuse| Shares { reflected, passed: Vec3::ZERO, diffuse };
         match *self {
             Self::Diffuse { albedo } => opaque(Vec3::ZERO, albedo),
-            Self::MetallicRoughness { base, metallic, f0, f90, transmission, bend, .. } => {
+            Self::MetallicRoughness { base, metallic, f0, f90, transmission, bend, film, .. } => {
                 // Schlick's approximation takes the cosine in the less dense medium.
-                let grazing = schlick_weight(if bend < 1.0 { ggx::refracted_cos(cos, bend) } else { cos });
-                let total = bend < 1.0 && ggx::refracted_cos(cos, bend) == 0.0;
-                let dielectric = if total { Vec3::ONE } else { f0 + (f90 - f0) * grazing };
-                let metal = base + (1.0 - base) * grazing;
+                let thinner = if bend < 1.0 { ggx::refracted_cos(cos, bend) } else { cos };
+                let grazing = schlick_weight(thinner);
+                let total = bend < 1.0 && thinner == 0.0;
+                let mut dielectric = if total { Vec3::ONE } else { f0 + (f90 - f0) * grazing };
+                let mut metal = base + (1.0 - base) * grazing;
+                if let Some(film) = film.filter(|_| dielectric != Vec3::ONE) {
+                    dielectric = film.tint(dielectric, f0, thinner);
+                    metal = film.tint(metal, base, thinner);
+                }
                 let under = base * ((1.0 - metallic) * (1.0 - dielectric.max_element()));
                 Shares {
                     reflected: dielectric + (metal - dielectric) * metallic,

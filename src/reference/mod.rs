@@ -14,6 +14,7 @@ mod camera;
 mod distribution;
 pub mod environment;
 mod features;
+pub mod film;
 pub mod layers;
 pub mod lights;
 pub mod microfacet;

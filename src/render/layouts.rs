@@ -215,6 +215,13 @@ layouts! {
         anisotropy_direction: [f32; 2],
         anisotropy: f32,
         anisotropy_texture: u32,
+        film: f32,
+        film_ior: f32,
+        film_thickness: [f32; 2],
+        film_texture: u32,
+        film_thickness_texture: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// One use of a texture by a material.
@@ -512,7 +519,11 @@ impl LightVertex {
     #[must_use]
     pub fn bytes(flags: &[Flag]) -> usize {
         let bytes = |flag, bytes: usize| if flags.contains(&flag) { bytes } else { 0 };
-        size_of::<Self>() + bytes(Flag::Anisotropy, 16) + bytes(Flag::Sheen, 16) + bytes(Flag::Coat, 32)
+        size_of::<Self>()
+            + bytes(Flag::Film, 16)
+            + bytes(Flag::Anisotropy, 16)
+            + bytes(Flag::Sheen, 16)
+            + bytes(Flag::Coat, 32)
     }
 }
 
@@ -543,7 +554,7 @@ impl Shading {
     pub fn bytes(flags: &[Flag]) -> u64 {
         let glossy = flags.contains(&Flag::Glossy);
         let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
-        let parts = [Flag::Transmission, Flag::Anisotropy, Flag::Sheen, Flag::Coat]
+        let parts = [Flag::Transmission, Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat]
             .iter()
             .filter(|flag| flags.contains(flag))
             .count();

@@ -541,6 +541,12 @@ fn layers_are_read() {
     assert!(scene.textures[sheen.color.texture.unwrap().texture].srgb);
     assert_eq!(channel(sheen.roughness), Some((0, 3)));
 
+    draft.json["materials"][0]["extensions"]["KHR_materials_iridescence"] = json!({
+        "iridescenceFactor": 0.7, "iridescenceThicknessMaximum": 500, "iridescenceThicknessTexture": { "index": 0 },
+    });
+    let film = draft.load("film.gltf").materials[0].film.unwrap();
+    assert_eq!((film.strength.factor, film.ior, film.thickness), (0.7, 1.3, [100.0, 500.0]));
+    assert_eq!(film.thickness_texture.map(|(_, channel)| channel), Some(1));
     draft.json["materials"][0]["extensions"]["KHR_materials_anisotropy"] =
         json!({ "anisotropyStrength": 0.6, "anisotropyRotation": 1.5, "anisotropyTexture": { "index": 0 } });
     let anisotropy = draft.load("brushed.gltf").materials[0].anisotropy.unwrap();

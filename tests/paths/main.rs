@@ -121,6 +121,12 @@ fn layers_agree_with_the_reference() {
 }
 
 #[test]
+fn films_agree_with_the_reference() {
+    agrees("films", &scenes::films(), SIDE, 3);
+    shared_agrees("films", &scenes::films(), 2);
+}
+
+#[test]
 fn transmission_agrees_with_the_reference() {
     agrees("transmitting", &scenes::transmitting(), SIDE, 5);
 }

@@ -2,8 +2,9 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material,
-    Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Film, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping,
+    Material, Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap,
+    builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -129,6 +130,24 @@ pub fn sheens() -> Scene {
         velvet(0.7, conductor(0.3, Fresnel::None)),
         velvet(0.5, conductor(0.0, Fresnel::None)),
         coated(0.4, velvet(0.6, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a material under a thin film.
+pub fn filmed(thickness: f32, material: Material) -> Material {
+    let film = Film { strength: 1.0.into(), ior: 1.35, thickness: [thickness; 2], thickness_texture: None };
+    Material { film: Some(film), ..material }
+}
+
+/// Returns thin films on metal and dielectric, rough and smooth, one of which transmits.
+pub fn films() -> Scene {
+    let mut scene = balls([
+        filmed(300.0, gltf(0.4, 1.0, 0.0, Boundary::Sheet)),
+        filmed(450.0, gltf(0.0, 0.5, 0.0, Boundary::Sheet)),
+        filmed(250.0, gltf(0.5, 0.0, 0.7, Boundary::Volume { absorption: Vec3::splat(0.5) })),
+        coated(0.3, filmed(350.0, gltf(0.4, 0.5, 0.0, Boundary::Sheet))),
     ]);
     lamp(&mut scene, 3.0, false);
     scene

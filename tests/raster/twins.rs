@@ -334,6 +334,49 @@ fn sheens() {
     assert!(off * 4 > bare.len(), "sheens do nothing: {off}");
 }
 
+/// Interference depends on cosines of large phases, so that the tolerance is wider.
+#[test]
+fn films() {
+    let Some(gpu) = common::gpu() else { return };
+    const PHASE: f32 = 5e-3;
+    let mut random = Random(16);
+    let mut textures = Scene::default();
+    add_textures(&mut textures, &mut random);
+    let linear: Vec<usize> =
+        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    for textured in [false, true] {
+        let materials = (0..300)
+            .map(|_| {
+                let thickness = [random.between(0.0, 500.0), random.between(0.0, 1000.0)];
+                let strength = [0.0, 1.0, random.unit()][random.below(3)];
+                let texture = reference_to(linear[random.below(linear.len() as u64)], &mut random);
+                let film = Film {
+                    strength: Scalar { factor: strength, texture: textured.then_some((texture, 0)) },
+                    ior: random.between(1.0, 2.0),
+                    thickness: if textured { [100.0, 300.0] } else { thickness },
+                    thickness_texture: textured.then_some((texture, 1)),
+                };
+                Material { film: Some(film), ..material(1, 0.5, &mut random) }
+            })
+            .collect();
+        let mut scene = scene_of(materials, false, &mut random);
+        if textured {
+            (scene.images, scene.textures) = (textures.images.clone(), textures.textures.clone());
+        }
+        let flags: &[Flag] =
+            if textured { &[Flag::Glossy, Flag::Film, Flag::Textures] } else { &[Flag::Glossy, Flag::Film] };
+        let [values, ..] = surfaces(gpu, &scene, flags, 1e-2, &mut random);
+        if textured {
+            compare("films by textures", FILTERED, &from_one(&values));
+        } else {
+            compare("films", PHASE, &values);
+            let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy], 1e-2, &mut random);
+            let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, PHASE)).count();
+            assert!(off * 4 > bare.len(), "films do nothing: {off}");
+        }
+    }
+}
+
 #[test]
 fn stretched_lobes() {
     let Some(gpu) = common::gpu() else { return };

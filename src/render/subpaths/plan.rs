@@ -85,6 +85,7 @@ fn flags(scene: &Scene, stats: &SceneStats, settings: &Settings, light_sampling:
         (Flag::Glossy, glossy),
         (Flag::Specular, glossy),
         (Flag::Transmission, glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
+        (Flag::Film, stats.films),
         (Flag::Anisotropy, stats.anisotropic),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),

@@ -92,7 +92,8 @@ impl GpuScene {
             materials.push(layouts::Material::default());
         }
         let layers: Vec<_> = scene.materials.iter().map(|m| layers(m, scene, &mut atlas)).collect();
-        let has_layers = [Flag::Anisotropy, Flag::Sheen, Flag::Coat].iter().any(|flag| flags.contains(flag));
+        let has_layers =
+            [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat].iter().any(|flag| flags.contains(flag));
         let layers = has_layers.then(|| gpu.upload("layers", &layers));
         let sheen_albedos = flags.contains(&Flag::Sheen).then(|| gpu.upload("sheen_albedos", &sheen::albedos()));
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");

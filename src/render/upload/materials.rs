@@ -77,8 +77,17 @@ pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts:
         sheen_texture: NONE,
         sheen_roughness_texture: NONE,
         anisotropy_texture: NONE,
+        film_texture: NONE,
+        film_thickness_texture: NONE,
         ..Default::default()
     };
+    if let Some(film) = &m.film {
+        (out.film, out.film_texture) = atlas.scalar(scene, &film.strength);
+        (out.film_ior, out.film_thickness) = (film.ior, film.thickness);
+        if let Some((texture, channel)) = &film.thickness_texture {
+            out.film_thickness_texture = atlas.add(scene, texture, *channel);
+        }
+    }
     if let Some(anisotropy) = &m.anisotropy {
         out.anisotropy = anisotropy.strength;
         out.anisotropy_direction = [anisotropy.rotation.cos(), anisotropy.rotation.sin()];

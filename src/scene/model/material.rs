@@ -208,6 +208,20 @@ impl Coat {
     pub const F0: f32 = 0.04;
 }
 
+/// A thin film on a [`Bsdf::MetallicRoughness`], whose interference tints reflections
+/// (KHR_materials_iridescence). Reflectances are clamped to [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Film {
+    /// Blend between the reflectances without (0) and with the film (1).
+    pub strength: Scalar,
+    /// Index of refraction.
+    pub ior: f32,
+    /// Thickness in nanometres where the texture is 0 and 1; the second without a texture.
+    pub thickness: [f32; 2],
+    /// Texture of the thickness, and its channel.
+    pub thickness_texture: Option<(TextureRef, u32)>,
+}
+
 /// Stretch of a material's GGX lobe along a tangent (KHR_materials_anisotropy): its width there is mix(alpha, 1,
 /// strength^2), and alpha across. A mesh without texture coordinates has no tangents and a round lobe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -320,6 +334,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
+    /// Thin film on the base, if any.
+    pub film: Option<Film>,
     /// Stretch of the BSDF's lobe; none for a round lobe.
     pub anisotropy: Option<Anisotropy>,
     /// Fibres on top of it, if any.
@@ -342,6 +358,7 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
+            film: None,
             anisotropy: None,
             sheen: None,
             coat: None,

@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if any surface has a thin film.
+    pub films: bool,
     /// True if any surface has a stretched lobe.
     pub anisotropic: bool,
     /// True if any surface has a sheen.
@@ -126,6 +128,7 @@ impl SceneStats {
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.bsdf.transmits()) > 0,
+            films: count(&|m| m.film.is_some()) > 0,
             anisotropic: count(&|m| m.anisotropy.is_some()) > 0,
             sheens: count(&|m| m.sheen.is_some()) > 0,
             coats: count(&|m| m.coat.is_some()) > 0,

@@ -405,6 +405,7 @@ fn surface_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Ve
         (Flag::Masks, stats.masked_triangles > 0),
         (Flag::Specular, own_directions),
         (Flag::Transmission, own_directions && stats.transmits),
+        (Flag::Film, stats.films),
         (Flag::Anisotropy, stats.anisotropic),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),

@@ -78,6 +78,39 @@ impl Extension for Anisotropy {
     const NAME: &str = "KHR_materials_anisotropy";
 }
 
+/// KHR_materials_iridescence.
+#[derive(Deserialize)]
+pub(super) struct Iridescence {
+    #[serde(default, rename = "iridescenceFactor")]
+    pub factor: f32,
+    #[serde(rename = "iridescenceTexture")]
+    pub texture: Option<Info>,
+    #[serde(default = "film_ior", rename = "iridescenceIor")]
+    pub ior: f32,
+    #[serde(default = "least_thickness", rename = "iridescenceThicknessMinimum")]
+    pub least: f32,
+    #[serde(default = "greatest_thickness", rename = "iridescenceThicknessMaximum")]
+    pub most: f32,
+    #[serde(rename = "iridescenceThicknessTexture")]
+    pub thickness_texture: Option<Info>,
+}
+
+impl Extension for Iridescence {
+    const NAME: &str = "KHR_materials_iridescence";
+}
+
+fn film_ior() -> f32 {
+    1.3
+}
+
+fn least_thickness() -> f32 {
+    100.0
+}
+
+fn greatest_thickness() -> f32 {
+    400.0
+}
+
 /// A normal map with the texture transform that the parser's own type omits.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]

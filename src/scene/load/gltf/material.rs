@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use super::extensions::{self, Clearcoat, Extension as _, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Filter, Image, LoadError, Material, NormalMap, Opacity, Scalar,
-    Scene, Sheen, Sides, Texture, TextureRef, Wrap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Film, Filter, Image, LoadError, Material, NormalMap, Opacity,
+    Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -83,6 +83,7 @@ impl Materials {
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
         let normal_map = self.normal_map(file, scene, index, material)?;
+        let film = self.film(file, scene, &place, material)?;
         let anisotropy = self.anisotropy(file, scene, &place, material)?;
         let sheen = self.sheen(file, scene, &place, material)?;
         let coat = self.coat(file, scene, &place, material)?;
@@ -96,6 +97,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
+            film,
             anisotropy,
             sheen,
             coat,
@@ -104,12 +106,13 @@ impl Materials {
             sides: if two_sided || transmits { Sides::Two } else { Sides::OneCulled },
             boundary,
         };
-        // A dielectric without reflection is Lambertian. `Bsdf::Diffuse` does not support vertex colours.
+        // A dielectric without reflection is Lambertian. `Bsdf::Diffuse` does not support vertex colours or films.
         if let Bsdf::MetallicRoughness { specular, metallic, .. } = out.bsdf
             && specular.factor == 0.0
             && metallic.factor == 0.0
             && !transmits
             && !has_colors
+            && out.film.is_none()
         {
             out.bsdf = Bsdf::Diffuse { reflectance: base_color };
         }
@@ -214,6 +217,29 @@ impl Materials {
         let place = format!("materials[{index}].normalTexture");
         let texture = self.texture(file, scene, map.index, map.tex_coord, transform, &place, false)?;
         Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
+    }
+
+    /// Converts KHR_materials_iridescence.
+    fn film(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Option<Film>, LoadError> {
+        let Some(json) = extensions::of::<extensions::Iridescence>(file, place, material)? else { return Ok(None) };
+        let place = format!("{place}.{}", extensions::Iridescence::NAME);
+        if let Some(value) = [json.least, json.most].into_iter().find(|value| !(0.0..1e6).contains(value)) {
+            return Err(file.error(place, format!("a thickness of {value} nm is out of range")));
+        }
+        if !(1.0..=10.0).contains(&json.ior) {
+            return Err(file.error(place, format!("an iridescenceIor of {} is out of range", json.ior)));
+        }
+        let strength = self.scalar(file, scene, &place, ("iridescenceFactor", json.factor), &json.texture, 0)?;
+        let texture = self.plain_texture(file, scene, &place, &json.thickness_texture, false)?;
+        let thickness_texture = texture.map(|texture| (texture, 1));
+        let film = Film { strength, ior: json.ior, thickness: [json.least, json.most], thickness_texture };
+        Ok((strength.factor > 0.0).then_some(film))
     }
 
     /// Converts KHR_materials_anisotropy.
@@ -447,7 +473,8 @@ fn make_unlit(scene: &mut Scene, material: &mut Material, base_color: Color, has
     ));
     material.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() };
     material.emission = Some(Emission { radiance: base_color, two_sided: true });
-    (material.normal_map, material.anisotropy, material.sheen, material.coat) = (None, None, None, None);
+    (material.normal_map, material.film, material.anisotropy) = (None, None, None);
+    (material.sheen, material.coat) = (None, None);
     material.sides = Sides::Two;
 }
 

@@ -38,7 +38,7 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 22] = [
+pub const SUPPORTED: [&str; 23] = [
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -50,6 +50,7 @@ pub const SUPPORTED: [&str; 22] = [
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
     "KHR_materials_specular",
@@ -68,7 +69,6 @@ fn substitute(extension: &str) -> &'static str {
     match extension {
         "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
-        "KHR_materials_iridescence" => "the base is rendered without its film",
         "KHR_materials_dispersion" => "the medium does not disperse",
         "KHR_node_visibility" => "all nodes are visible",
         "EXT_lights_image_based" => {
