@@ -12,7 +12,7 @@ use lightsheaf::metrics::{Comparison, compare};
 use lightsheaf::render::renderer::Renderer as _;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::scene::model::shapes;
-use lightsheaf::scene::{Bsdf, Fresnel, Light, Material, Scene, builtin};
+use lightsheaf::scene::{Bsdf, Coat, Fresnel, Light, Material, Scene, builtin};
 use lightsheaf::settings::Settings;
 
 fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
@@ -107,20 +107,44 @@ fn filtered_frames_are_nearer_to_the_truth() {
     assert!(alone.rel_mse > 3.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
 }
 
+/// Returns a room with an area light and a board of a material across it, before the camera.
+fn room_with_a_board(material: Material) -> Scene {
+    let mut scene = Scene { lights: Vec::new(), ..room([0.0; 2], Vec3::new(0.3, -0.7, 0.3)) };
+    let lamp = shapes::quad(Vec3::new(-0.3, 0.95, 0.0), Vec3::X * 0.6, Vec3::Z * 0.6);
+    add(&mut scene, lamp, emitter(0.0, Vec3::splat(5.0), false));
+    let board = shapes::quad(Vec3::new(-1.0, -1.0, -0.5), Vec3::X * 2.0, Vec3::Y * 2.0);
+    add(&mut scene, board, material);
+    scene
+}
+
+/// Returns the errors of 8 frames with and without the filter.
+fn filtered_and_not(gpu: &Gpu, scene: &Scene) -> [Comparison; 2] {
+    let truth = truth(gpu, scene);
+    [false, true]
+        .map(|unfiltered| against(&raster(gpu, scene, &Settings { unfiltered, ..settings(4, 0, 8) }).0, &truth))
+}
+
+fn conductor(alpha: f32) -> Material {
+    let bsdf = Bsdf::Conductor { fresnel: Fresnel::None, specular: Vec3::splat(0.9).into(), alpha: alpha.into() };
+    Material { bsdf, ..Material::diffuse("conductor", Vec3::ZERO) }
+}
+
 /// What a mirror shows is filtered as if it were seen directly, and what it shows of lights stays sharp.
 #[test]
 fn filtered_frames_in_a_mirror_are_nearer_to_the_truth() {
     let Some(gpu) = gpu() else { return };
-    let mut scene = Scene { lights: Vec::new(), ..room([0.0; 2], Vec3::new(0.3, -0.7, 0.3)) };
-    let lamp = shapes::quad(Vec3::new(-0.3, 0.95, 0.0), Vec3::X * 0.6, Vec3::Z * 0.6);
-    add(&mut scene, lamp, emitter(0.0, Vec3::splat(5.0), false));
-    let mirror = shapes::quad(Vec3::new(-1.0, -1.0, -0.5), Vec3::X * 2.0, Vec3::Y * 2.0);
-    let specular = Bsdf::Conductor { fresnel: Fresnel::None, specular: Vec3::splat(0.9).into(), alpha: 0.0.into() };
-    add(&mut scene, mirror, Material { bsdf: specular, ..Material::diffuse("mirror", Vec3::ZERO) });
-    let truth = truth(gpu, &scene);
-    let of = |unfiltered| against(&raster(gpu, &scene, &Settings { unfiltered, ..settings(4, 0, 8) }).0, &truth);
-    let (filtered, alone) = (of(false), of(true));
+    let [filtered, alone] = filtered_and_not(gpu, &room_with_a_board(conductor(0.0)));
     assert!(alone.rel_mse > 3.0 * filtered.rel_mse && filtered.mean_bias.abs() < 0.02, "{alone:?} {filtered:?}");
+}
+
+/// A smooth coat leaves the filter to the rough lobe below it.
+#[test]
+fn filtered_frames_under_a_smooth_coat_are_nearer_to_the_truth() {
+    let Some(gpu) = gpu() else { return };
+    let coat = Coat { weight: 1.0.into(), roughness: 0.0.into(), normal_map: None };
+    let coated = Material { coat: Some(coat), ..conductor(0.3) };
+    let [filtered, alone] = filtered_and_not(gpu, &room_with_a_board(coated));
+    assert!(alone.rel_mse > 2.0 * filtered.rel_mse && filtered.mean_bias.abs() < 0.02, "{alone:?} {filtered:?}");
 }
 
 /// Returns the number of frames after a light is switched off until 95 % of the change is in the picture and
