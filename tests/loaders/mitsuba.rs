@@ -570,6 +570,28 @@ fn a_checkerboard_becomes_four_texels() {
     assert_eq!(scene.images[sampler.image].texels, [a, b, b, a]);
 }
 
+/// Coatings are coats over what they cover; their reflectance at normal incidence follows from their index.
+#[test]
+fn coatings_are_coats() {
+    let coated = |kind: &str, parameters: &str| {
+        let base = "<bsdf type='diffuse'><rgb name='reflectance' value='0.5 0.4 0.3'/></bsdf>";
+        let bsdf = format!("<bsdf type='{kind}'>{parameters}{base}</bsdf>");
+        let scene = scene(&format!("<shape type='rectangle'>{bsdf}</shape>"));
+        assert!(
+            matches!(scene.materials[0].bsdf, Bsdf::Diffuse { .. }) && scene.warnings.len() == 1,
+            "{:?}",
+            scene.warnings
+        );
+        scene.materials[0].coat.unwrap()
+    };
+    let smooth = coated("coating", "<float name='int_ior' value='1.4'/><float name='ext_ior' value='1'/>");
+    assert_eq!(smooth.roughness.factor, 0.0);
+    assert!((smooth.weight.factor - (0.4_f32 / 2.4).powi(2) / 0.04).abs() < 1e-6, "{}", smooth.weight.factor);
+    let parameters = "<float name='alpha' value='0.25'/><string name='distribution' value='ggx'/>";
+    let rough = coated("roughcoating", parameters);
+    assert_eq!((rough.roughness.factor, rough.weight.factor), (0.5, 1.0));
+}
+
 #[test]
 fn masks_blend() {
     let folder = folder();

@@ -13,8 +13,8 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides, Texture,
-    TextureRef,
+    Anisotropy, Boundary, Bsdf, Coat, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides,
+    Texture, TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
@@ -99,18 +99,6 @@ impl<'a> Loader<'a> {
                 chosen = nested[heaviest];
                 self.warn(format!("{}: mixtures are not supported; the heaviest part is drawn alone", element.title()));
             }
-            "coating" | "roughcoating" => {
-                plugin.ignore(&[
-                    "int_ior",
-                    "ext_ior",
-                    "thickness",
-                    "alpha",
-                    "sigma_a",
-                    "distribution",
-                    "specular_reflectance",
-                ]);
-                self.warn(format!("{}: coatings are not supported; the base is drawn without it", element.title()));
-            }
             "twosided" if nested.len() > 1 => {
                 self.warn(format!("{}: both sides are drawn with the front's bsdf", element.title()));
             }
@@ -123,9 +111,30 @@ impl<'a> Loader<'a> {
             "mask" => self.mask(plugin, &mut surface)?,
             "normalmap" => self.normal_map(plugin, &mut surface)?,
             "bumpmap" => self.bump_map(plugin, &mut surface)?,
+            "coating" => surface.material.coat = Some(self.coat(plugin, 0.0.into())?),
+            "roughcoating" => {
+                let alpha = self.alpha(plugin)?;
+                surface.material.coat = Some(self.coat(plugin, alpha)?);
+            }
             _ => {}
         }
         Ok(surface)
+    }
+
+    /// Converts a coating, which reflects as a coat of its index does and neither bends nor absorbs light.
+    fn coat(&mut self, plugin: &Plugin<'a>, alpha: Scalar) -> Result<Coat, LoadError> {
+        plugin.ignore(&["thickness", "sigma_a", "specular_reflectance"]);
+        let eta = self.index(plugin, "int_ior", 1.5046)? / self.index(plugin, "ext_ior", 1.000_277)?;
+        self.warn(format!(
+            "{}: the coating is drawn as a clear layer that does not bend light",
+            plugin.element.title()
+        ));
+        let normal_incidence = ((eta - 1.0) / (eta + 1.0)).powi(2);
+        Ok(Coat {
+            weight: (normal_incidence / Coat::F0).min(1.0).into(),
+            roughness: alpha.factor.sqrt().into(),
+            normal_map: None,
+        })
     }
 
     fn mask(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
