@@ -170,10 +170,11 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             std::iter::once(set).chain(others)
         })
         .flat_map(|set| {
-            // Surfaces with layers are glossy. They have one of the layers, or all.
+            // Surfaces with layers are glossy. They have one of the layers, where other flags are few, or all.
             let glossy = set.contains(&Flag::Glossy) && !layers.is_empty();
             let all = glossy.then(|| [&set, layers.as_slice()].concat());
-            let single = if glossy && layers.len() > 1 { layers.as_slice() } else { &[] };
+            let apart = glossy && layers.len() > 1 && (every || set.len() <= FEW_BESIDE_A_LAYER);
+            let single = if apart { layers.as_slice() } else { &[] };
             let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
             std::iter::once(set).chain(all).chain(one)
         })
@@ -181,6 +182,9 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
         .collect()
 }
+
+/// Most flags of a set that each layer is added to alone, unless all sets are tested.
+const FEW_BESIDE_A_LAYER: usize = 4;
 
 /// Flags of layers on top of materials, and of stretched lobes.
 const LAYERS: [Flag; 4] = [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
