@@ -71,14 +71,7 @@ fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked 
 
 /// True for what rays replace where surfaces draw directions of their own.
 fn replaced(name: &str, present: &BTreeSet<String>) -> bool {
-    let by_rays = [
-        "code nearest_along",
-        "code rasterized",
-        "code edges_to",
-        "memory gbuffer",
-        "memory gbuffer depth",
-        "pass gbuffer",
-    ];
+    let by_rays = ["code nearest_along", "code rasterized", "memory gbuffer", "memory gbuffer depth", "pass gbuffer"];
     // Light passes glass on either side, so that no view is rasterized.
     let no_views = present.contains("flag TRANSMISSION") && !present.contains("pass view_setup");
     present.contains("flag SPECULAR") && (no_views || by_rays.contains(&name))
