@@ -184,18 +184,14 @@ layouts! {
         metallic: f32,
         emission: [f32; 3],
         specular_factor: f32,
-        normal_scale: f32,
         mask_value: f32,
         mask_cutoff: f32,
-        base_texture: u32,
-        roughness_texture: u32,
-        metallic_texture: u32,
-        specular_texture: u32,
-        specular_factor_texture: u32,
+        first_use: u32,
+        end_use: u32,
         emission_texture: u32,
-        normal_texture: u32,
         mask_texture: u32,
-        transmission_texture: u32,
+        pad0: u32,
+        pad1: u32,
         absorption: [f32; 3],
         transmission: f32,
     }
@@ -204,24 +200,16 @@ layouts! {
     struct Layers in "subpaths/eye_paths" {
         coat: f32,
         coat_roughness: f32,
-        coat_normal_scale: f32,
-        coat_texture: u32,
-        coat_roughness_texture: u32,
-        coat_normal_texture: u32,
-        sheen_texture: u32,
-        sheen_roughness_texture: u32,
+        anisotropy_direction: [f32; 2],
         sheen: [f32; 3],
         sheen_roughness: f32,
-        anisotropy_direction: [f32; 2],
-        anisotropy: f32,
-        anisotropy_texture: u32,
+        film_thickness: [f32; 2],
         film: f32,
         film_ior: f32,
-        film_thickness: [f32; 2],
-        film_texture: u32,
-        film_thickness_texture: u32,
+        anisotropy: f32,
         pad0: u32,
         pad1: u32,
+        pad2: u32,
     }
 
     /// One use of a texture by a material.
@@ -232,6 +220,10 @@ layouts! {
         flags: u32,
         origin: [f32; 2],
         size: [f32; 2],
+        purposes: u32,
+        channels: u32,
+        scale: f32,
+        pad: u32,
     }
 
     /// The projection of a view.
@@ -611,12 +603,33 @@ constants! {
         NONE = u32::MAX,
     }
 
-    /// Bits of [`TextureUse::flags`] beside the wrap modes, and the place of a slot's channel.
+    /// Bits of [`TextureUse::flags`] beside the wrap modes.
     mod texture_flags in "lib/surface/texture" {
         LINEAR = 16,
         SRGB = 32,
         SECOND_UV = 64,
-        CHANNEL_SHIFT = 24,
+    }
+
+    /// Bits of [`TextureUse::purposes`]: scalars, whose channels are two bits each of [`TextureUse::channels`], then
+    /// colours and vectors.
+    mod texture_purpose in "lib/surface/texture" {
+        OF_ROUGHNESS = 1,
+        OF_METALLIC = 2,
+        OF_SPECULAR_FACTOR = 4,
+        OF_TRANSMISSION = 8,
+        OF_COAT = 16,
+        OF_COAT_ROUGHNESS = 32,
+        OF_SHEEN_ROUGHNESS = 64,
+        OF_FILM = 128,
+        OF_FILM_THICKNESS = 256,
+        OF_OPACITY = 512,
+        OF_BASE = 1024,
+        OF_EMISSION = 2048,
+        OF_SPECULAR = 4096,
+        OF_SHEEN = 8192,
+        OF_NORMAL = 16384,
+        OF_COAT_NORMAL = 32768,
+        OF_ANISOTROPY = 65536,
     }
 
     /// Values of [`View::kind`]. Views of kind `EMPTY` have no triangles.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::gpu::{Flag, Gpu, GpuError};
 use crate::render::layouts;
 use crate::render::lights::table::LightTable;
-use crate::render::upload::materials::{layers, material};
+use crate::render::upload::materials::records;
 use crate::render::upload::sheen;
 use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
@@ -87,11 +87,11 @@ impl GpuScene {
         }
         let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
-        let mut materials: Vec<_> = scene.materials.iter().map(|m| material(m, scene, &mut atlas)).collect();
+        let (mut materials, layers): (Vec<_>, Vec<_>) =
+            scene.materials.iter().map(|m| records(m, scene, &mut atlas)).unzip();
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
-        let layers: Vec<_> = scene.materials.iter().map(|m| layers(m, scene, &mut atlas)).collect();
         let has_layers =
             [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat].iter().any(|flag| flags.contains(flag));
         let layers = has_layers.then(|| gpu.upload("layers", &layers));

@@ -6,24 +6,29 @@ use crate::render::layouts::index::NONE;
 use crate::render::layouts::material_flags::{
     BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
 };
+use crate::render::layouts::texture_purpose::{
+    OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_EMISSION, OF_FILM, OF_FILM_THICKNESS,
+    OF_METALLIC, OF_NORMAL, OF_OPACITY, OF_ROUGHNESS, OF_SHEEN, OF_SHEEN_ROUGHNESS, OF_SPECULAR, OF_SPECULAR_FACTOR,
+    OF_TRANSMISSION,
+};
 use crate::render::upload::textures::Atlas;
 use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
 
+/// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas.
+pub(super) fn records(m: &Material, scene: &Scene, atlas: &mut Atlas) -> (layouts::Material, layouts::Layers) {
+    let (mut material, layers) = (material(m, scene, atlas), layers(m, scene, atlas));
+    [material.first_use, material.end_use] = atlas.end_material();
+    (material, layers)
+}
+
 /// Returns the record of a material, and adds its textures to the atlas.
-pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material {
+fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material {
     let mut out = layouts::Material {
         specular: [1.0; 3],
         eta: [1.5; 3],
         specular_factor: 1.0,
-        base_texture: NONE,
-        roughness_texture: NONE,
-        metallic_texture: NONE,
-        specular_texture: NONE,
-        specular_factor_texture: NONE,
         emission_texture: NONE,
-        normal_texture: NONE,
         mask_texture: NONE,
-        transmission_texture: NONE,
         ..Default::default()
     };
     write_bsdf(&mut out, &m.bsdf, scene, atlas);
@@ -32,17 +37,16 @@ pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layout
         (out.model, out.roughness, out.specular_factor) = (bsdf_model::METALLIC_ROUGHNESS, 1.0, 0.0);
     }
     if let Some(emission) = &m.emission {
-        (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance);
+        (out.emission, out.emission_texture) = atlas.color(scene, &emission.radiance, OF_EMISSION);
         if emission.two_sided {
             out.flags |= EMITS_TWO_SIDED;
         }
     }
     if let Some(normal_map) = &m.normal_map {
-        out.normal_texture = atlas.add(scene, &normal_map.texture, 0);
-        out.normal_scale = normal_map.scale;
+        atlas.normals(scene, normal_map, OF_NORMAL);
     }
     if let Some(opacity) = &m.opacity {
-        (out.mask_value, out.mask_texture) = atlas.scalar(scene, opacity.value());
+        (out.mask_value, out.mask_texture) = atlas.scalar(scene, opacity.value(), OF_OPACITY);
         match opacity {
             Opacity::CutOut { cutoff, .. } => {
                 out.flags |= MASKED;
@@ -69,42 +73,31 @@ pub(super) fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layout
 }
 
 /// Returns the record of the layers on top of a material, and adds their textures to the atlas.
-pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
-    let mut out = layouts::Layers {
-        coat_texture: NONE,
-        coat_roughness_texture: NONE,
-        coat_normal_texture: NONE,
-        sheen_texture: NONE,
-        sheen_roughness_texture: NONE,
-        anisotropy_texture: NONE,
-        film_texture: NONE,
-        film_thickness_texture: NONE,
-        ..Default::default()
-    };
+fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
+    let mut out = layouts::Layers::default();
     if let Some(film) = &m.film {
-        (out.film, out.film_texture) = atlas.scalar(scene, &film.strength);
+        out.film = atlas.scalar(scene, &film.strength, OF_FILM).0;
         (out.film_ior, out.film_thickness) = (film.ior, film.thickness);
         if let Some((texture, channel)) = &film.thickness_texture {
-            out.film_thickness_texture = atlas.add(scene, texture, *channel);
+            atlas.add(scene, texture, OF_FILM_THICKNESS, *channel);
         }
     }
     if let Some(anisotropy) = &m.anisotropy {
         out.anisotropy = anisotropy.strength;
         out.anisotropy_direction = [anisotropy.rotation.cos(), anisotropy.rotation.sin()];
         if let Some(texture) = &anisotropy.texture {
-            out.anisotropy_texture = atlas.add(scene, texture, 0);
+            atlas.add(scene, texture, OF_ANISOTROPY, 0);
         }
     }
     if let Some(sheen) = &m.sheen {
-        (out.sheen, out.sheen_texture) = atlas.color(scene, &sheen.color);
-        (out.sheen_roughness, out.sheen_roughness_texture) = atlas.scalar(scene, &sheen.roughness);
+        out.sheen = atlas.color(scene, &sheen.color, OF_SHEEN).0;
+        out.sheen_roughness = atlas.scalar(scene, &sheen.roughness, OF_SHEEN_ROUGHNESS).0;
     }
     if let Some(coat) = &m.coat {
-        (out.coat, out.coat_texture) = atlas.scalar(scene, &coat.weight);
-        (out.coat_roughness, out.coat_roughness_texture) = atlas.scalar(scene, &coat.roughness);
+        out.coat = atlas.scalar(scene, &coat.weight, OF_COAT).0;
+        out.coat_roughness = atlas.scalar(scene, &coat.roughness, OF_COAT_ROUGHNESS).0;
         if let Some(normal_map) = &coat.normal_map {
-            out.coat_normal_texture = atlas.add(scene, &normal_map.texture, 0);
-            out.coat_normal_scale = normal_map.scale;
+            atlas.normals(scene, normal_map, OF_COAT_NORMAL);
         }
     }
     out
@@ -113,21 +106,21 @@ pub(super) fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts:
 /// Writes the BSDF's model and parameters.
 fn write_bsdf(out: &mut layouts::Material, bsdf: &Bsdf, scene: &Scene, atlas: &mut Atlas) {
     match bsdf {
-        Bsdf::Diffuse { reflectance } => (out.base, out.base_texture) = atlas.color(scene, reflectance),
+        Bsdf::Diffuse { reflectance } => out.base = atlas.color(scene, reflectance, OF_BASE).0,
         Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular, specular_color, transmission } => {
             out.model = bsdf_model::METALLIC_ROUGHNESS;
-            (out.base, out.base_texture) = atlas.color(scene, base_color);
-            (out.metallic, out.metallic_texture) = atlas.scalar(scene, metallic);
-            (out.roughness, out.roughness_texture) = atlas.scalar(scene, roughness);
-            (out.specular_factor, out.specular_factor_texture) = atlas.scalar(scene, specular);
-            (out.specular, out.specular_texture) = atlas.color(scene, specular_color);
+            out.base = atlas.color(scene, base_color, OF_BASE).0;
+            out.metallic = atlas.scalar(scene, metallic, OF_METALLIC).0;
+            out.roughness = atlas.scalar(scene, roughness, OF_ROUGHNESS).0;
+            out.specular_factor = atlas.scalar(scene, specular, OF_SPECULAR_FACTOR).0;
+            out.specular = atlas.color(scene, specular_color, OF_SPECULAR).0;
             out.eta = [*ior; 3];
-            (out.transmission, out.transmission_texture) = atlas.scalar(scene, transmission);
+            out.transmission = atlas.scalar(scene, transmission, OF_TRANSMISSION).0;
         }
         Bsdf::Conductor { alpha, fresnel, specular } => {
             out.model = bsdf_model::CONDUCTOR;
-            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
-            (out.specular, out.specular_texture) = atlas.color(scene, specular);
+            out.roughness = atlas.scalar(scene, alpha, OF_ROUGHNESS).0;
+            out.specular = atlas.color(scene, specular, OF_SPECULAR).0;
             match fresnel {
                 Fresnel::None => out.flags |= FRESNEL_NONE,
                 Fresnel::Conductor { eta, k } => (out.eta, out.k) = (eta.to_array(), k.to_array()),
@@ -135,9 +128,9 @@ fn write_bsdf(out: &mut layouts::Material, bsdf: &Bsdf, scene: &Scene, atlas: &m
         }
         Bsdf::Plastic { alpha, diffuse, specular, eta, nonlinear } => {
             out.model = bsdf_model::PLASTIC;
-            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
-            (out.base, out.base_texture) = atlas.color(scene, diffuse);
-            (out.specular, out.specular_texture) = atlas.color(scene, specular);
+            out.roughness = atlas.scalar(scene, alpha, OF_ROUGHNESS).0;
+            out.base = atlas.color(scene, diffuse, OF_BASE).0;
+            out.specular = atlas.color(scene, specular, OF_SPECULAR).0;
             out.eta = [*eta; 3];
             if *nonlinear {
                 out.flags |= NONLINEAR;
@@ -145,9 +138,9 @@ fn write_bsdf(out: &mut layouts::Material, bsdf: &Bsdf, scene: &Scene, atlas: &m
         }
         Bsdf::Dielectric { alpha, eta, reflection, transmission } => {
             out.model = bsdf_model::DIELECTRIC;
-            (out.roughness, out.roughness_texture) = atlas.scalar(scene, alpha);
-            (out.base, out.base_texture) = atlas.color(scene, reflection);
-            (out.specular, out.specular_texture) = atlas.color(scene, transmission);
+            out.roughness = atlas.scalar(scene, alpha, OF_ROUGHNESS).0;
+            out.base = atlas.color(scene, reflection, OF_BASE).0;
+            out.specular = atlas.color(scene, transmission, OF_SPECULAR).0;
             out.eta = [*eta; 3];
         }
     }

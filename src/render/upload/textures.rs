@@ -7,8 +7,8 @@ use glam::Vec2;
 use crate::gpu::{Gpu, GpuError};
 use crate::render::layouts;
 use crate::render::layouts::index::NONE;
-use crate::render::layouts::texture_flags::{CHANNEL_SHIFT, LINEAR, SECOND_UV, SRGB};
-use crate::scene::{Color, EnvironmentMap, Filter, Image, Scalar, Scene, TextureRef, Wrap};
+use crate::render::layouts::texture_flags::{LINEAR, SECOND_UV, SRGB};
+use crate::scene::{Color, EnvironmentMap, Filter, Image, NormalMap, Scalar, Scene, TextureRef, Wrap};
 
 /// The texture array and the uses of textures by materials.
 pub(super) struct Textures {
@@ -112,7 +112,10 @@ pub(super) struct Atlas {
     pub(super) bytes: u64,
     /// Layer, x and y of each tile's image, without its border.
     places: BTreeMap<(usize, [u32; 2]), [u32; 3]>,
+    /// Uses of all materials, those of one in a row.
     uses: Vec<layouts::TextureUse>,
+    /// The first use of the current material.
+    first: usize,
 }
 
 impl Atlas {
@@ -124,7 +127,7 @@ impl Atlas {
             }
         }
         if tiles.is_empty() {
-            return Ok(Self { texture: None, bytes: 0, places: BTreeMap::new(), uses: Vec::new() });
+            return Ok(Self { texture: None, bytes: 0, places: BTreeMap::new(), uses: Vec::new(), first: 0 });
         }
         let size = |tile: &Tile| [scene.images[tile.0].width + 2, scene.images[tile.0].height + 2];
         tiles.sort_by_key(|t| std::cmp::Reverse(size(t)[1]));
@@ -172,6 +175,7 @@ impl Atlas {
             bytes: 4 * u64::from(side) * u64::from(side) * u64::from(layer + 1),
             places,
             uses: Vec::new(),
+            first: 0,
         })
     }
 
@@ -183,14 +187,40 @@ impl Atlas {
         self.texture.as_ref().map(|array| Textures::new(gpu, array, uses))
     }
 
-    /// Adds a use and returns its slot: the index, with the channel in the bits above.
-    pub(super) fn add(&mut self, scene: &Scene, reference: &TextureRef, channel: u32) -> u32 {
+    /// Ends the uses of a material, and returns the first one and the one after the last.
+    pub(super) fn end_material(&mut self) -> [u32; 2] {
+        let range = [self.first, self.uses.len()].map(|index| index as u32);
+        self.first = self.uses.len();
+        range
+    }
+
+    /// Adds a use of a texture by the current material and returns its index. `channel` is that of a scalar.
+    pub(super) fn add(&mut self, scene: &Scene, reference: &TextureRef, purpose: u32, channel: u32) -> u32 {
+        self.add_scaled(scene, reference, purpose, channel, 0.0)
+    }
+
+    /// Adds the use of a normal map.
+    pub(super) fn normals(&mut self, scene: &Scene, map: &NormalMap, purpose: u32) {
+        self.add_scaled(scene, &map.texture, purpose, 0, map.scale);
+    }
+
+    pub(super) fn color(&mut self, scene: &Scene, color: &Color, purpose: u32) -> ([f32; 3], u32) {
+        (color.factor.to_array(), color.texture.as_ref().map_or(NONE, |t| self.add(scene, t, purpose, 0)))
+    }
+
+    pub(super) fn scalar(&mut self, scene: &Scene, scalar: &Scalar, purpose: u32) -> (f32, u32) {
+        let texture = scalar.texture.as_ref();
+        (scalar.factor, texture.map_or(NONE, |(t, channel)| self.add(scene, t, purpose, *channel)))
+    }
+
+    /// Uses of the same texels share one record, so that they are read once.
+    fn add_scaled(&mut self, scene: &Scene, reference: &TextureRef, purpose: u32, channel: u32, scale: f32) -> u32 {
         let texture = &scene.textures[reference.texture];
         let image = &scene.images[texture.image];
         let [layer, x, y] = self.places[&(texture.image, texture.wrap.map(wrap_code))];
         let m = reference.transform;
         let row = |f: fn(Vec2) -> f32| [f(m.matrix2.x_axis), f(m.matrix2.y_axis), f(m.translation)];
-        let texture_use = layouts::TextureUse {
+        let texels = layouts::TextureUse {
             row_u: row(|v| v.x),
             layer,
             row_v: row(|v| v.y),
@@ -201,20 +231,18 @@ impl Atlas {
                 | if reference.uv_set == 1 { SECOND_UV } else { 0 },
             origin: [x as f32, y as f32],
             size: [image.width as f32, image.height as f32],
+            scale,
+            ..Default::default()
         };
-        let index = self.uses.iter().position(|u| *u == texture_use).unwrap_or_else(|| {
-            self.uses.push(texture_use);
+        let same = |u: &layouts::TextureUse| layouts::TextureUse { purposes: 0, channels: 0, ..*u } == texels;
+        let index = self.uses[self.first..].iter().position(same).map(|at| self.first + at).unwrap_or_else(|| {
+            self.uses.push(texels);
             self.uses.len() - 1
         });
-        index as u32 | channel << CHANNEL_SHIFT
-    }
-
-    pub(super) fn color(&mut self, scene: &Scene, color: &Color) -> ([f32; 3], u32) {
-        (color.factor.to_array(), color.texture.as_ref().map_or(NONE, |t| self.add(scene, t, 0)))
-    }
-
-    pub(super) fn scalar(&mut self, scene: &Scene, scalar: &Scalar) -> (f32, u32) {
-        (scalar.factor, scalar.texture.as_ref().map_or(NONE, |(t, channel)| self.add(scene, t, *channel)))
+        self.uses[index].purposes |= purpose;
+        // Only scalars have a channel, and their purposes come first.
+        self.uses[index].channels |= channel.checked_shl(2 * purpose.trailing_zeros()).unwrap_or(0);
+        index as u32
     }
 }
 
