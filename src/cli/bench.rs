@@ -124,7 +124,7 @@ pub fn run(args: &BenchArgs) -> Result<()> {
     let seeds = (0..args.repeats).map(|n| args.seed.wrapping_add(n)).collect();
     let schedule = Schedule::new(args.budget, args.checkpoints, seeds);
     let bounces = Some(args.bounces).filter(|&b| b != UNLIMITED);
-    let mut report = Report::new(command_line(), machine, schedule, bounces, args.targets.clone());
+    let mut report = Report::new(output::command_line(), machine, schedule, bounces, args.targets.clone());
     let staging = Staging { size: args.size.unwrap_or((1, 1)).into(), ..Staging::default() };
     for (spec, (reference, own)) in scenes.iter().zip(&references) {
         let mut scene = staging::load(spec, &staging)?;
@@ -381,12 +381,6 @@ fn default_methods() -> Result<Vec<Technique>> {
         }
         Err(e) => Err(e.into()),
     }
-}
-
-/// Returns the command line, quoted for a shell.
-fn command_line() -> String {
-    let words: Vec<String> = std::env::args().collect();
-    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
 }
 
 /// Creates a progress bar of a thousand steps, which is visible on a terminal only.

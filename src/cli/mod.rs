@@ -1,4 +1,4 @@
-//! Command line: `render`, `view`, `compare`, `bench`, `plan`, `stress`, `scenes`.
+//! Command line: `render`, `view`, `merge`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
 //! Results go to stdout or to the requested files; warnings, notes, progress and the closing line go to
 //! stderr.
@@ -11,9 +11,12 @@
 //! | 130 | `render` was interrupted and has written its picture. |
 
 mod bench;
+mod checkpoint;
 mod compare;
 mod interrupt;
+mod merge;
 mod output;
+mod reference_renderer;
 mod render;
 mod stress;
 mod view;
@@ -54,6 +57,8 @@ enum Command {
     Render(Box<render::RenderArgs>),
     /// Show a scene in a window while it is rendered
     View(Box<window::WindowArgs>),
+    /// Join pictures of parts of the samples to the picture of all of them
+    Merge(merge::MergeArgs),
     /// Print the error of an image against a reference, in linear RGB
     Compare(compare::CompareArgs),
     /// Measure error against run time, method by method, and write a report
@@ -96,10 +101,14 @@ pub fn run() -> ExitCode {
     };
     let done = match cli.command {
         Command::Render(mut args) => {
-            end_by_default(&mut args.view.settings, &matches);
+            match args.sample_range {
+                Some(range) => args.view.settings.samples = range.count().try_into().unwrap_or(u32::MAX),
+                None => end_by_default(&mut args.view.settings, &matches),
+            }
             render::run(&args)
         }
         Command::View(args) => window::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Merge(args) => merge::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Plan(mut args) => {

@@ -6,6 +6,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 
+/// Returns the command line, quoted for a shell.
+pub fn command_line() -> String {
+    let words: Vec<String> = std::env::args().collect();
+    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
+}
+
 /// Prints to stdout. A closed pipe is not an error.
 pub fn print(text: &str) -> Result<()> {
     match writeln!(io::stdout(), "{text}") {

@@ -1,7 +1,8 @@
 //! Command `render`: renders a scene to image files until a number of samples, an error or a time is reached.
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -10,21 +11,34 @@ use anyhow::{Context as _, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
-use lightsheaf::gpu::{Gpu, PassTime};
-use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
+use lightsheaf::film::exr::Picture;
+use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::gpu::{Gpu, GpuError, PassTime};
 use lightsheaf::render::convergence::Convergence;
-use lightsheaf::render::renderer::{BatchSize, ViewRequests};
+use lightsheaf::render::fingerprint;
+use lightsheaf::render::renderer::ViewRequests;
 use lightsheaf::render::{self, RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
 use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
+use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
 use super::output;
+use super::reference_renderer::ReferenceRenderer;
 use super::view::{self, ANIMATION, GradeArgs, View, ViewArgs};
 
 /// Most samples between two checks of the budget.
 const ROUND: u64 = 8;
+
+/// Seconds between two checkpoints.
+const CHECKPOINTS: RangeInclusive<f64> = 1.0..=604_800.0;
+
+/// Seconds after which a render is saved in memory, so that it can go on if the device is lost.
+const SAVE_SECONDS: f64 = 30.0;
+
+/// Times that a device may be lost without further samples.
+const MAX_LOSSES: u32 = 3;
 
 #[derive(clap::Args)]
 pub struct RenderArgs {
@@ -52,6 +66,14 @@ pub struct RenderArgs {
     /// reference
     #[arg(long, value_name = "DIR")]
     dump_shaders: Option<PathBuf>,
+    /// Write the picture so far and a checkpoint, OUT.checkpoint, every this many seconds, 1 to 604800, and when
+    /// the render is interrupted. --resume goes on from it. The checkpoint is removed when the render has ended
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, conflicts_with_all = ["frames", "strategy_images"])]
+    checkpoint: Option<f64>,
+    /// Go on from a checkpoint of the same scene, settings and version, bit for bit as if the render had never
+    /// stopped. --samples, --budget and the output may differ
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "strategy_images"])]
+    resume: Option<PathBuf>,
     /// Render frames A to B, including B, at --fps, each to a separate file: OUT.exr becomes OUT_0000.exr and
     /// so on, as does the file of --stats
     #[arg(long, value_name = "A..B", value_parser = parse_frames, requires = "fps", conflicts_with_all = ["at", "strategy_images"], help_heading = ANIMATION)]
@@ -59,6 +81,10 @@ pub struct RenderArgs {
     /// Frames per second, 0.001 to 10000. Frame N is at N / FPS seconds
     #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "frames", help_heading = ANIMATION)]
     fps: Option<f64>,
+    /// Render samples A to B of the sequence, including B, counted from 1. `lightsheaf merge` joins such parts
+    /// to the picture of all of them. Excludes --samples, --budget and --target-error
+    #[arg(long, value_name = "A..B", value_parser = SampleRange::parse, conflicts_with_all = ["samples", "budget", "target_error", "strategy_images"])]
+    pub sample_range: Option<SampleRange>,
     /// Print neither progress nor the closing line. Warnings and errors are still printed
     #[arg(short, long)]
     quiet: bool,
@@ -164,11 +190,28 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             settings.interleave.get_or_insert(1);
         }
         let load = began.elapsed().as_secs_f64();
-        let began = Instant::now();
-        let gpu = open(args)?;
+        let saved = RefCell::new(None);
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let job = Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: None, all: 1 };
-        return job.run(gpu.as_ref(), &mut None);
+        return go_on_after_losses(&|| saved.borrow().as_ref().map_or(0, |saved: &Saved| saved.samples), &mut || {
+            let began = Instant::now();
+            let gpu = open(args)?;
+            let (grade, saved, scene_hash) = (&grade, &saved, OnceCell::new());
+            let job = Job {
+                args,
+                interrupt,
+                grade,
+                load,
+                began,
+                scene,
+                settings,
+                animations,
+                frame: None,
+                all: 1,
+                saved,
+                scene_hash,
+            };
+            job.run(gpu.as_ref(), &mut None)
+        });
     }
     let (loaded, mut settings) = args.view.open()?;
     let animations = view::animations(&loaded);
@@ -179,7 +222,7 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
     let mut load = began.elapsed().as_secs_f64();
     let mut began = Instant::now();
     let gpu = open(args)?;
-    let (mut renderer, mut scene, all) = (None, first, frames.len());
+    let (mut renderer, mut scene, all, saved) = (None, first, frames.len(), RefCell::new(None));
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
             break;
@@ -191,11 +234,37 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
+        let (grade, saved, frame, scene_hash) = (&grade, &saved, Some(frame), OnceCell::new());
         let job =
-            Job { args, interrupt, grade: &grade, load, began, scene, settings, animations, frame: Some(frame), all };
+            Job { args, interrupt, grade, load, began, scene, settings, animations, frame, all, saved, scene_hash };
         job.run(gpu.as_ref(), &mut renderer)?;
     }
     Ok(())
+}
+
+/// Renders, and opens the device again as often as it is lost after further samples. `samples` returns the
+/// samples that are kept.
+fn go_on_after_losses(samples: &dyn Fn() -> u64, attempt: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+    let mut losses = (0, 0);
+    loop {
+        let error = match attempt() {
+            Err(error) => error,
+            done => return done,
+        };
+        let lost = matches!(error.downcast_ref(), Some(RenderError::Gpu(GpuError::Lost(_))));
+        let kept = samples();
+        losses = if kept > losses.0 { (kept, 1) } else { (losses.0, losses.1 + 1) };
+        if !lost || losses.1 > MAX_LOSSES {
+            return Err(error);
+        }
+        eprintln!("warning: the graphics device was lost; it is opened again, and {kept} samples are kept");
+    }
+}
+
+/// Returns the name of the device of a render.
+fn device_name(gpu: Option<&Gpu>) -> String {
+    let cpu = || format!("CPU, {} threads", rayon::current_num_threads());
+    gpu.map_or_else(cpu, |gpu| gpu.capabilities.adapter.clone())
 }
 
 /// Opens the device of a method; the reference needs none.
@@ -238,6 +307,15 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
     }
+    if let Some(seconds) = args.checkpoint {
+        if !CHECKPOINTS.contains(&seconds) {
+            bail!("--checkpoint {seconds}: has to be {} to {} seconds", CHECKPOINTS.start(), CHECKPOINTS.end());
+        }
+        output::check(&checkpoint::path_of(&args.output[0]), &["checkpoint"])?;
+    }
+    if let Some(range) = args.sample_range.filter(|range| range.last > (*SAMPLES.end()).into()) {
+        bail!("--sample-range {range}: the last sample has to be {} at most", SAMPLES.end());
+    }
     let GradeArgs { exposure, tonemap } = &args.grade;
     for (option, given) in [("--exposure", exposure.is_some()), ("--tonemap", tonemap.is_some())] {
         if given && !args.writes_png() {
@@ -275,6 +353,9 @@ struct Job<'a> {
     frame: Option<Frame>,
     /// Number of frames.
     all: usize,
+    /// The render as it was last saved, from which it goes on if the device is lost.
+    saved: &'a RefCell<Option<Saved>>,
+    scene_hash: OnceCell<String>,
 }
 
 impl Job<'_> {
@@ -325,10 +406,15 @@ impl Job<'_> {
 
     /// Renders until the number of samples, the target error or the end of the budget is reached, or until a
     /// signal.
-    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>), RenderError> {
+    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>)> {
+        if let Some(range) = self.args.sample_range {
+            renderer.begin_at(range.first - 1)?;
+        }
         let setup = self.began.elapsed().as_secs_f64();
         self.interrupt.begin();
-        let mut progress = ProgressiveRender::new(self, renderer);
+        let keeper = Keeper::new(self, gpu);
+        let saved = self.saved_before(&keeper)?;
+        let mut progress = ProgressiveRender::new(self, renderer, keeper, saved)?;
         let (film, ended_by) = loop {
             let ended = progress.render_to_checkpoint()?;
             let film = progress.renderer.film()?;
@@ -338,13 +424,13 @@ impl Job<'_> {
         };
         let non_finite_after = gpu.map_or(Ok(Vec::new()), |gpu| gpu.non_finite.counts(gpu))?;
         progress.bar.finish_and_clear();
-        let render = progress.began.elapsed().as_secs_f64();
+        let render = progress.seconds();
+        progress.close(ended_by)?;
         let all = progress.samples * u64::from(self.settings.width) * u64::from(self.settings.height);
         let RenderStats { samples, bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
             progress.renderer.stats();
-        let cpu = || format!("CPU, {} threads", rayon::current_num_threads());
         let stats = Stats {
-            device: gpu.map_or_else(cpu, |gpu| gpu.capabilities.adapter.clone()),
+            device: device_name(gpu),
             samples,
             ended_by,
             estimated_error: progress.convergence.as_ref().and_then(|(_, convergence)| convergence.error()),
@@ -383,12 +469,7 @@ impl Job<'_> {
 
     /// Renders by the reference and writes the picture.
     fn reference(&self) -> Result<()> {
-        let Settings { width, height, samples, seed, camera, .. } = *self.settings;
-        let bounces = Some(self.settings.bounces).filter(|&b| b != UNLIMITED);
-        let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
-        let reference = Reference::new(self.scene);
-        let rounds = Rounds::new(settings);
-        let mut renderer = ReferenceRenderer { reference, settings, rounds, batch_size: BatchSize::default() };
+        let mut renderer = ReferenceRenderer::new(self.scene, self.settings);
         let (film, stats) = self.progressive(None, &mut renderer)?;
         self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats })
     }
@@ -479,8 +560,9 @@ impl Job<'_> {
         let paths: Vec<PathBuf> = self.args.output.iter().map(|path| named(path)).collect();
         let (exposure, tonemap) = self.args.grade.chosen();
         let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(film), tonemap });
+        let record = self.record(stats.plan.as_ref(), stats.samples, stats.seconds.render, stats.device.clone());
         for path in &paths {
-            film.save_graded(path, grade)?;
+            save(path, film, grade, &record)?;
         }
         if self.args.writes_png() {
             (stats.exposure_stops, stats.tonemap) = (Some(grade.stops), Some(grade.tonemap));
@@ -505,7 +587,132 @@ impl Job<'_> {
                 stats.device
             );
         }
+        if stats.ended_by == Ending::Interrupt {
+            eprintln!("{}", self.how_to_go_on(stats.samples));
+        } else if self.args.checkpoint.is_some() {
+            // The picture is complete. There is no checkpoint if the render ended before the first one.
+            let _ = std::fs::remove_file(checkpoint::path_of(&self.args.output[0]));
+        }
         Ok(())
+    }
+
+    /// Says how an interrupted render goes on.
+    fn how_to_go_on(&self, samples: u64) -> String {
+        let Settings { samples: all, target_error, budget, history, .. } = *self.settings;
+        let first = self.args.sample_range.map_or(1, |range| range.first);
+        let parts = self.args.output.iter().any(|path| is_exr(path)) && history == 0;
+        if self.args.checkpoint.is_some() {
+            let path = checkpoint::path_of(&self.args.output[0]);
+            format!("to go on, give the same command with --resume {}", path.display())
+        } else if parts && target_error.is_none() && budget.is_none() {
+            let rest = SampleRange { first: first + samples, last: first + u64::from(all) - 1 };
+            format!("to go on, render --sample-range {rest} to another .exr and join the two by `lightsheaf merge`")
+        } else {
+            "this render cannot go on; with --checkpoint SECONDS the next one can".to_owned()
+        }
+    }
+
+    /// Returns the hash of the scene.
+    fn scene_hash(&self) -> &str {
+        self.scene_hash.get_or_init(|| fingerprint::scene_hash(self.scene))
+    }
+
+    /// Returns the record of a picture.
+    fn record(&self, plan: Option<&serde_json::Value>, samples: u64, seconds: f64, device: String) -> Record {
+        let mut settings = fingerprint::settings_text(self.settings, plan);
+        if self.settings.is_adaptive() {
+            // Tiles of such a picture have different numbers of samples.
+            settings.insert_str(1, "\"adaptive\":true,");
+        }
+        let first = self.args.sample_range.map_or(1, |range| range.first);
+        Record {
+            command: output::command_line(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            scene: self.scene.name.clone(),
+            scene_hash: self.scene_hash().to_owned(),
+            settings_hash: fingerprint::hash_of_text(&settings),
+            settings,
+            samples,
+            seed: self.settings.seed,
+            ranges: vec![SampleRange { first, last: first + samples.max(1) - 1 }],
+            device,
+            seconds,
+        }
+    }
+
+    /// Returns what `--resume` goes on with, or what was saved before the device was lost.
+    fn saved_before(&self, keeper: &Keeper) -> Result<Option<Saved>> {
+        if let Some(saved) = self.saved.borrow().clone() {
+            return Ok(Some(saved));
+        }
+        let Some(path) = &self.args.resume else { return Ok(None) };
+        let saved = checkpoint::read(path, &keeper.identity(self))?;
+        let shown = path.display();
+        let first = self.args.sample_range.map_or(0, |range| range.first - 1);
+        if saved.state.first != first {
+            bail!(
+                "--resume {shown}: it begins with sample {}, not {}; give its --sample-range",
+                saved.state.first + 1,
+                first + 1
+            );
+        }
+        let Settings { samples, target_error, budget, .. } = *self.settings;
+        if target_error.is_none() && budget.is_none() && saved.samples > samples.into() {
+            bail!(
+                "--resume {shown}: it has {} samples already; give --samples {} or more",
+                saved.samples,
+                saved.samples
+            );
+        }
+        Ok(Some(saved))
+    }
+}
+
+/// True if a file is an .exr.
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+}
+
+/// Writes a picture: .exr with its record, .png with its exposure and tone curve.
+fn save(path: &Path, film: &Film, grade: &Grade, record: &Record) -> Result<()> {
+    if is_exr(path) {
+        let (film, record) = (film.clone(), Some(record.clone()));
+        return Ok(Picture { film, record, ..Picture::default() }.save(path)?);
+    }
+    Ok(film.save_graded(path, grade)?)
+}
+
+/// Keeps what a render has, in memory and in files.
+struct Keeper {
+    device: String,
+    every: Duration,
+    /// When the render was last saved.
+    kept: Instant,
+}
+
+impl Keeper {
+    fn new(job: &Job, gpu: Option<&Gpu>) -> Self {
+        let every = Duration::from_secs_f64(job.args.checkpoint.unwrap_or(SAVE_SECONDS));
+        Self { device: device_name(gpu), every, kept: Instant::now() }
+    }
+
+    /// Returns what the picture depends on.
+    fn identity(&self, job: &Job) -> Identity {
+        Identity::new(job.scene, job.scene_hash(), job.settings, self.device.clone())
+    }
+
+    /// True if the render has to be saved.
+    fn is_due(&self) -> bool {
+        self.kept.elapsed() >= self.every
+    }
+
+    /// Writes the checkpoint and the picture.
+    fn write(&self, job: &Job, saved: &Saved, film: &Film, plan: &serde_json::Value) -> Result<()> {
+        checkpoint::write(&checkpoint::path_of(&job.args.output[0]), &self.identity(job), saved)?;
+        let record = job.record(Some(plan), saved.samples, saved.seconds, self.device.clone());
+        let (exposure, tonemap) = job.args.grade.chosen();
+        let grade = Grade { stops: exposure.stops(film), tonemap };
+        job.args.output.iter().try_for_each(|path| save(path, film, &grade, &record))
     }
 }
 
@@ -531,26 +738,84 @@ struct ProgressiveRender<'a> {
     error_scale: Option<f32>,
     /// True if converged tiles take no more samples.
     adaptive: bool,
+    /// Seconds of rendering before this process.
+    seconds_before: f64,
+    keeper: Keeper,
 }
 
 impl<'a> ProgressiveRender<'a> {
-    fn new(job: &'a Job<'a>, renderer: &'a mut dyn Renderer) -> Self {
+    /// Begins a render, or goes on with a saved one.
+    fn new(
+        job: &'a Job<'a>,
+        renderer: &'a mut dyn Renderer,
+        keeper: Keeper,
+        saved: Option<Saved>,
+    ) -> Result<Self, RenderError> {
         let Settings { width, height, samples, target_error, budget, .. } = *job.settings;
         let limited = target_error.is_some() || budget.is_some();
-        Self {
+        let mut this = Self {
             began: Instant::now(),
             bar: job.bar(samples.into()),
             adaptive: renderer.is_adaptive() && job.args.strategy_images.is_none(),
-            clock: budget.map(Clock::new),
+            clock: budget.map(|seconds| Clock::new(seconds, saved.as_ref().map_or(0.0, |saved| saved.seconds))),
             end: u64::from(if limited { *SAMPLES.end() } else { samples }),
             convergence: target_error.map(|target| (target, Convergence::new(width, height))),
             first: renderer.samples(),
             samples: 0,
             taken: 0,
             error_scale: None,
+            seconds_before: 0.0,
+            keeper,
             job,
             renderer,
+        };
+        if let Some(saved) = saved {
+            this.renderer.restore(&saved.state)?;
+            (this.samples, this.taken, this.seconds_before) = (saved.samples, saved.taken, saved.seconds);
+            this.error_scale = saved.error_scale;
+            if let (Some((_, convergence)), Some(saved)) = (&mut this.convergence, saved.convergence) {
+                *convergence = saved;
+            }
         }
+        Ok(this)
+    }
+
+    /// Returns the seconds of rendering.
+    fn seconds(&self) -> f64 {
+        self.seconds_before + self.began.elapsed().as_secs_f64()
+    }
+
+    /// Saves the render, and writes the picture and the checkpoint if these are asked for.
+    fn save(&mut self) -> Result<(), RenderError> {
+        let saved = Saved {
+            samples: self.samples,
+            taken: self.taken,
+            seconds: self.seconds(),
+            error_scale: self.error_scale,
+            convergence: self.convergence.as_ref().map(|(_, convergence)| convergence.clone()),
+            state: self.renderer.state()?,
+        };
+        if self.job.args.checkpoint.is_some() {
+            let film = self.renderer.film()?;
+            if let Err(error) = self.keeper.write(self.job, &saved, &film, &self.renderer.plan_json()) {
+                // The render goes on: what it has is in memory, and the disk may be free again later.
+                eprintln!("warning: no checkpoint was written: {error:#}");
+            }
+        }
+        *self.job.saved.borrow_mut() = Some(saved);
+        self.keeper.kept = Instant::now();
+        Ok(())
+    }
+
+    /// Writes the last checkpoint of an interrupted render.
+    fn close(&mut self, ended_by: Ending) -> Result<()> {
+        if self.job.args.checkpoint.is_none() {
+            return Ok(());
+        }
+        if ended_by == Ending::Interrupt {
+            self.save()?;
+        }
+        Ok(())
     }
 
     /// Renders up to the next checkpoint of the error estimate, or to the end. Returns the reason if the
@@ -558,6 +823,7 @@ impl<'a> ProgressiveRender<'a> {
     fn render_to_checkpoint(&mut self) -> Result<Option<Ending>, RenderError> {
         let convergence = self.convergence.as_ref().map(|(_, convergence)| convergence);
         let goal = convergence.map_or(self.end, |convergence| convergence.next_checkpoint().min(self.end));
+        let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
         while self.samples < goal {
             let most = goal - self.samples;
             let round = match &self.clock {
@@ -569,12 +835,15 @@ impl<'a> ProgressiveRender<'a> {
             self.renderer.render(round, &mut |all| {
                 self.samples = all - self.first;
                 self.job.show_samples(&self.bar, self.samples, self.began);
-                !self.job.interrupt.requested()
+                let used_up = self.clock.as_ref().is_some_and(Clock::is_used_up);
+                !used_up && !self.keeper.is_due() && !self.job.interrupt.requested()
             })?;
-            let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
             self.taken += (self.samples - before) * pixels;
             if self.samples < self.end && self.job.interrupt.requested() {
                 return Ok(Some(Ending::Interrupt));
+            }
+            if self.samples < goal && self.keeper.is_due() {
+                self.save()?;
             }
         }
         Ok(None)
@@ -619,56 +888,6 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Progressive renderer of the CPU reference.
-struct ReferenceRenderer<'s> {
-    reference: Reference<'s>,
-    settings: ReferenceSettings,
-    rounds: Rounds,
-    batch_size: BatchSize,
-}
-
-impl Renderer for ReferenceRenderer<'_> {
-    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
-        let end = u64::from(self.rounds.samples()) + samples;
-        while u64::from(self.rounds.samples()) < end {
-            let count = self.batch_size.next(end - u64::from(self.rounds.samples()));
-            let began = Instant::now();
-            self.rounds.add(&self.reference, count as u32, &|_, _| ());
-            self.batch_size.record(count, began.elapsed());
-            if !progress(self.rounds.samples().into()) {
-                break;
-            }
-        }
-        Ok(())
-    }
-
-    fn restart(&mut self, seed: u32) {
-        self.settings.seed = seed;
-        self.rounds = Rounds::new(self.settings);
-    }
-
-    fn mark_converged(&mut self, _: &[bool]) -> Result<(), RenderError> {
-        Err(RenderError::Setting("the reference has no adaptive sampling".to_owned()))
-    }
-
-    fn is_adaptive(&self) -> bool {
-        false
-    }
-
-    fn film(&self) -> Result<Film, RenderError> {
-        Ok(self.rounds.film())
-    }
-
-    fn samples(&self) -> u64 {
-        self.rounds.samples().into()
-    }
-
-    fn stats(&self) -> RenderStats {
-        let non_finite = self.rounds.non_finite;
-        RenderStats { samples: self.rounds.samples().into(), non_finite, ..RenderStats::default() }
-    }
-}
-
 /// Divides a time budget into rounds of samples.
 struct Clock {
     began: Instant,
@@ -676,8 +895,14 @@ struct Clock {
 }
 
 impl Clock {
-    fn new(seconds: f64) -> Self {
-        Self { began: Instant::now(), budget: Duration::from_secs_f64(seconds) }
+    /// Begins a budget of which `used` seconds are used up.
+    fn new(seconds: f64, used: f64) -> Self {
+        Self { began: Instant::now(), budget: Duration::from_secs_f64((seconds - used).max(0.0)) }
+    }
+
+    /// True if no time is left.
+    fn is_used_up(&self) -> bool {
+        self.began.elapsed() >= self.budget
     }
 
     /// Returns the number of samples that fit into the remaining time at the rate so far, at most `most`. The
@@ -700,7 +925,7 @@ mod tests {
 
     #[test]
     fn a_budget_deals_out_rounds_until_it_is_used() {
-        let clock = Clock::new(1000.0);
+        let clock = Clock::new(1000.0, 0.0);
         assert_eq!(clock.next_round(0, 8), Some(1), "one sample at least");
         assert_eq!(clock.next_round(100, 8), Some(8));
         assert_eq!(clock.next_round((*SAMPLES.end()).into(), 8), None, "no more than the range allows");

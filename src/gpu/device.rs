@@ -35,6 +35,9 @@ pub enum GpuError {
     /// A validation, memory or driver error during work.
     #[error("the graphics device reported: {0}")]
     Device(String),
+    /// The device was lost. What it held is gone; a new one can be opened.
+    #[error("the graphics device was lost: {0}; restart the render, with --checkpoint and --resume nothing is lost")]
+    Lost(String),
 }
 
 /// The adapter features that ray-query methods need.
@@ -84,7 +87,7 @@ pub struct Gpu {
     /// Counts of values that are not finite, by pass.
     pub non_finite: NonFinite,
     pub(super) pipelines: Pipelines,
-    first_error: Arc<Mutex<Option<String>>>,
+    first_error: Arc<Mutex<Option<GpuError>>>,
 }
 
 impl Gpu {
@@ -155,14 +158,14 @@ impl Gpu {
         device.set_device_lost_callback(move |reason, message| {
             // A lost device causes all later errors, so this one replaces them.
             if let Ok(mut first) = sink.lock() {
-                *first = Some(format!("it was lost ({reason:?}): {message}"));
+                *first = Some(GpuError::Lost(format!("{reason:?}, {message}")));
             }
         });
         let sink = Arc::clone(&first_error);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             log::error!("graphics device: {error}");
             if let Ok(mut first) = sink.lock() {
-                first.get_or_insert_with(|| error.to_string());
+                first.get_or_insert_with(|| GpuError::Device(error.to_string()));
             }
         }));
         let timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
@@ -191,10 +194,10 @@ impl Gpu {
     /// Checks that the device has reported no error since it was opened.
     ///
     /// # Errors
-    /// [`GpuError::Device`] with the first error.
+    /// [`GpuError::Lost`] if the device is lost, otherwise [`GpuError::Device`] with the first error.
     pub fn check(&self) -> Result<(), GpuError> {
         match self.first_error.lock().ok().and_then(|e| e.clone()) {
-            Some(message) => Err(GpuError::Device(message)),
+            Some(error) => Err(error),
             None => Ok(()),
         }
     }

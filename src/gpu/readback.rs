@@ -8,7 +8,7 @@ pub(super) const LABEL: &str = "read back";
 /// Copies the first `count` elements of a buffer to the CPU, after waiting for all submitted work.
 ///
 /// # Errors
-/// [`GpuError::Device`] if the device fails.
+/// [`GpuError`] if the device fails.
 pub fn read_back<T: bytemuck::Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usize) -> Result<Vec<T>, GpuError> {
     let bytes = (count * size_of::<T>()) as u64;
     if bytes == 0 {
@@ -25,8 +25,9 @@ pub fn read_back<T: bytemuck::Pod>(gpu: &Gpu, buffer: &wgpu::Buffer, count: usiz
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, padded);
     gpu.queue.submit([encoder.finish()]);
     staging.map_async(wgpu::MapMode::Read, .., |_| {});
-    gpu.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|e| GpuError::Device(e.to_string()))?;
+    let polled = gpu.device.poll(wgpu::PollType::wait_indefinitely());
     gpu.check()?;
+    polled.map_err(|e| GpuError::Device(e.to_string()))?;
     let view = staging.get_mapped_range(..bytes).map_err(|e| GpuError::Device(e.to_string()))?;
     Ok(bytemuck::pod_collect_to_vec(&view[..]))
 }

@@ -1,5 +1,7 @@
 //! Progressive rendering with the reference.
 
+use std::ops::Range;
+
 use super::{Reference, ReferenceSettings};
 use crate::film::Film;
 
@@ -7,7 +9,8 @@ use crate::film::Film;
 pub struct Rounds {
     settings: ReferenceSettings,
     sum: Vec<[f64; 3]>,
-    samples: u32,
+    /// Number of the first sample in the sequence, and of the next one.
+    range: Range<u32>,
     /// Number of paths whose radiance was not finite.
     pub non_finite: u64,
     /// Number of rays traced.
@@ -18,22 +21,48 @@ impl Rounds {
     /// Creates a picture without samples. `settings.samples` is not used.
     #[must_use]
     pub fn new(settings: ReferenceSettings) -> Self {
+        Self::starting_at(settings, 0)
+    }
+
+    /// Creates a picture without samples that begins with the sample `first` of the sequence, from 0.
+    #[must_use]
+    pub fn starting_at(settings: ReferenceSettings, first: u32) -> Self {
         let pixels = settings.width as usize * settings.height as usize;
-        Self { settings, sum: vec![[0.0; 3]; pixels], samples: 0, non_finite: 0, rays: 0 }
+        Self { settings, sum: vec![[0.0; 3]; pixels], range: first..first, non_finite: 0, rays: 0 }
+    }
+
+    /// Creates the picture of the samples `range`, whose sum of each pixel is known. None if there is another
+    /// number of pixels.
+    #[must_use]
+    pub fn from_sums(settings: ReferenceSettings, range: Range<u32>, sum: Vec<[f64; 3]>) -> Option<Self> {
+        let whole = sum.len() == settings.width as usize * settings.height as usize;
+        whole.then_some(Self { settings, sum, range, non_finite: 0, rays: 0 })
+    }
+
+    /// Returns the sum of each pixel's samples.
+    #[must_use]
+    pub fn sums(&self) -> &[[f64; 3]] {
+        &self.sum
+    }
+
+    /// Returns the samples of the sequence in the picture.
+    #[must_use]
+    pub fn range(&self) -> Range<u32> {
+        self.range.clone()
     }
 
     /// Returns the number of samples per pixel so far.
     #[must_use]
     pub fn samples(&self) -> u32 {
-        self.samples
+        self.range.end - self.range.start
     }
 
     /// Adds samples to each pixel. `progress` receives the numbers of finished and of all pixels, from any
     /// thread.
     pub fn add(&mut self, reference: &Reference, samples: u32, progress: &(dyn Fn(u64, u64) + Sync)) {
-        let range = self.samples..self.samples + samples;
+        let range = self.range.end..self.range.end + samples;
         let [non_finite, rays] = reference.add_range(&self.settings, &range, &mut self.sum, progress);
-        self.samples = range.end;
+        self.range.end = range.end;
         self.non_finite += non_finite;
         self.rays += rays;
     }
@@ -41,7 +70,7 @@ impl Rounds {
     /// Returns the picture so far; black without samples.
     #[must_use]
     pub fn film(&self) -> Film {
-        let count = f64::from(self.samples.max(1));
+        let count = f64::from(self.samples().max(1));
         let pixels = self.sum.iter().map(|s| s.map(|v| (v / count) as f32)).collect();
         Film { width: self.settings.width, height: self.settings.height, pixels }
     }

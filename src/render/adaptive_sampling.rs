@@ -8,6 +8,7 @@
 
 use crate::gpu::Gpu;
 use crate::render::renderer::RenderError;
+use crate::render::state::TileState;
 
 /// Pixels along a side of a tile (shaders/lib/pixels/converged.wesl).
 pub const TILE: u32 = crate::render::layouts::tile::TILE_SIDE;
@@ -19,7 +20,7 @@ pub fn grid(width: u32, height: u32) -> [u32; 2] {
 }
 
 /// The error estimates of a picture's tiles.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Tiles {
     grid: [u32; 2],
     /// Pixels of each tile, row by row.
@@ -146,8 +147,34 @@ impl ConvergedTiles {
             *taken += if *converged { 0 } else { samples - self.since };
         }
         (self.converged, self.since) = (converged.to_vec(), samples);
-        let words: Vec<u32> = converged.iter().map(|&converged| u32::from(converged)).collect();
+        self.upload(gpu);
+        Ok(())
+    }
+
+    /// Writes the mask to the device.
+    fn upload(&self, gpu: &Gpu) {
+        let words: Vec<u32> = self.converged.iter().map(|&converged| u32::from(converged)).collect();
         gpu.queue.write_buffer(&self.words, 0, bytemuck::cast_slice(&words));
+    }
+
+    /// Returns the mask and the counts.
+    #[must_use]
+    pub fn state(&self) -> TileState {
+        TileState { converged: self.converged.clone(), taken: self.taken.clone(), since: self.since }
+    }
+
+    /// Takes over the mask and the counts of [`Self::state`].
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] if they have another number of tiles.
+    pub fn restore(&mut self, gpu: &Gpu, state: &TileState) -> Result<(), RenderError> {
+        let count = self.converged.len();
+        if [state.converged.len(), state.taken.len()] != [count, count] {
+            return Err(RenderError::foreign_state());
+        }
+        (self.converged, self.taken) = (state.converged.clone(), state.taken.clone());
+        self.since = state.since;
+        self.upload(gpu);
         Ok(())
     }
 

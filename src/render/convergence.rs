@@ -67,7 +67,7 @@ impl BiasFilms {
 }
 
 /// Two pictures of a sequence: the samples of either, and the squared difference in each tile.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 struct Pair {
     samples: [u64; 2],
     differences: Vec<f64>,
@@ -80,7 +80,7 @@ fn error_of_difference([a, b]: [u64; 2], n: u64) -> f64 {
 }
 
 /// The error estimate of a picture.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct Convergence {
     tiles: Tiles,
     /// Samples and pictures of the latest checkpoints, in order.

@@ -9,6 +9,7 @@ use crate::film::{self, Film};
 use crate::gpu::{Gpu, GpuError, PassTime, read_back};
 use crate::render::adaptive_sampling::ConvergedTiles;
 use crate::render::convergence::BiasFilms;
+use crate::render::state::RenderState;
 use crate::scene::{Camera, Scene};
 use crate::settings::{OnlyStrategy, Settings};
 
@@ -52,6 +53,11 @@ impl RenderError {
     /// Returns the error of a renderer that makes one picture only.
     fn one_picture() -> Self {
         Self::Setting("this renderer makes one picture; open another renderer".to_owned())
+    }
+
+    /// Returns the error of a state that does not fit.
+    pub(crate) fn foreign_state() -> Self {
+        Self::Setting("the state is that of another picture; begin it anew".to_owned())
     }
 
     /// Returns the error of methods of the device when `reference` is asked for.
@@ -109,6 +115,26 @@ pub trait Renderer {
 
     /// Begins a new picture with another seed; no tile of it has converged.
     fn restart(&mut self, seed: u32);
+
+    /// Begins a new picture with the sample `first` of the sequence, from 0, so that pictures of parts of a
+    /// sequence can be merged.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] if samples depend on those before; [`RenderError::Gpu`] if the device fails.
+    fn begin_at(&mut self, first: u64) -> Result<(), RenderError>;
+
+    /// Reads the state of the picture between two batches.
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    fn state(&self) -> Result<RenderState, RenderError>;
+
+    /// Goes on with a picture of the same scene and settings.
+    ///
+    /// # Errors
+    /// [`RenderError::Setting`] if the state is that of another picture; [`RenderError::Gpu`] if the device
+    /// fails.
+    fn restore(&mut self, state: &RenderState) -> Result<(), RenderError>;
 
     /// Begins a picture of another pose of the same scene ([`Scene::at`]): the one that a new renderer would
     /// make. Pipelines and buffers are kept if the plan, the materials and the numbers of triangles, vertices
@@ -172,7 +198,7 @@ pub trait Renderer {
         Ok(Vec::new())
     }
 
-    /// Returns the iterations or samples per pixel in the picture.
+    /// Returns the number of the next sample: that of the samples in the picture, after those before its first.
     #[must_use]
     fn samples(&self) -> u64;
 
@@ -220,6 +246,31 @@ pub(crate) fn check_size(gpu: &Gpu, settings: &Settings, most: u64) -> Result<()
         )));
     }
     Ok(())
+}
+
+/// Reads whole buffers.
+pub(crate) fn read_buffers<'a>(
+    gpu: &Gpu,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+) -> Result<Vec<Vec<u8>>, RenderError> {
+    buffers.map(|buffer| Ok(read_back(gpu, buffer, buffer.size() as usize)?)).collect()
+}
+
+/// Writes whole buffers, the contents of which [`read_buffers`] returned.
+pub(crate) fn write_buffers<'a>(
+    gpu: &Gpu,
+    buffers: impl Iterator<Item = &'a wgpu::Buffer>,
+    contents: &[Vec<u8>],
+) -> Result<(), RenderError> {
+    let buffers: Vec<_> = buffers.collect();
+    let fits = |(buffer, bytes): (&&wgpu::Buffer, &Vec<u8>)| buffer.size() == bytes.len() as u64;
+    if buffers.len() != contents.len() || !buffers.iter().zip(contents).all(fits) {
+        return Err(RenderError::foreign_state());
+    }
+    for (buffer, bytes) in buffers.iter().zip(contents) {
+        gpu.queue.write_buffer(buffer, 0, bytes);
+    }
+    Ok(gpu.check()?)
 }
 
 /// Sets a film to zero.

@@ -19,6 +19,7 @@ use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::{Grid, Region};
 use crate::render::layouts;
 use crate::render::recording::Recording;
+use crate::render::state::FrameState;
 use crate::render::upload::gpu_scene::GpuScene;
 
 /// GGX width to which the roughness clamp widens narrow lobes of metals at normal incidence, for which a lobe
@@ -157,6 +158,35 @@ impl Denoiser {
     /// Discards all frames.
     pub fn restart(&mut self) {
         (self.before, self.still, self.moved) = (None, 0, false);
+    }
+
+    /// Begins with the frame `first` of a still picture, without those before.
+    pub fn begin_at(&mut self, first: u64) {
+        self.restart();
+        (self.frame, self.still) = (first, first);
+    }
+
+    /// Returns the counts that the next frame depends on.
+    #[must_use]
+    pub fn state(&self) -> FrameState {
+        let before = self.before.as_ref().map(|before| (before.clip_from_world, before.jitter));
+        FrameState { frame: self.frame, still: self.still, before }
+    }
+
+    /// Takes over the counts of [`Self::state`].
+    pub fn restore(&mut self, state: &FrameState) {
+        let before = state.before.map(|(clip_from_world, jitter)| Before { clip_from_world, jitter });
+        (self.frame, self.still, self.before, self.moved) = (state.frame, state.still, before, false);
+    }
+
+    /// Returns the buffers that the next frame reads: the average of the frames, and histories.
+    pub fn state_buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        let bias = self.bias.iter().flat_map(|bias| [&bias.unfiltered, &bias.twice]);
+        let layers = [&self.guides, &self.clear, &self.indirect];
+        let layers = layers.into_iter().chain(&self.layer_guides).filter(|_| self.history > 0);
+        let history = self.temporal.iter().map(|(_, history)| history);
+        let all = std::iter::once(&self.pictures).chain(bias).chain(layers).chain(history);
+        all.map(|pair| pair.before(self.frame))
     }
 
     /// Begins the average of still frames anew, since the camera has moved.

@@ -18,17 +18,20 @@ use glam::Vec3;
 use crate::film::Film;
 use crate::gpu::{Gpu, read_back};
 use crate::render::adapt::{adapted, warnings};
-use crate::render::adaptive_sampling;
+use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::convergence::BiasFilms;
+use crate::render::denoise::Denoiser;
 use crate::render::layouts::{LightVertex, PixelReservoir};
 use crate::render::lights::bundle_directions::BundleDirections;
 use crate::render::lights::table::{Hittable, LightTable};
 use crate::render::renderer::{
-    BatchSize, RenderError, RenderStats, Renderer, ViewRequests, camera_of, check_size, clear, read_film,
+    BatchSize, RenderError, RenderStats, Renderer, ViewRequests, camera_of, check_size, clear, read_buffers, read_film,
+    write_buffers,
 };
 use crate::render::shared::frame::{Frame, Iteration};
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::views::PlannedView;
+use crate::render::state::RenderState;
 use crate::render::upload::deformation::Deformer;
 use crate::render::upload::gpu_scene::GpuScene;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
@@ -89,6 +92,9 @@ pub struct SharedRenderer<'gpu> {
     plan: FramePlan,
     frame: Frame,
     deformer: Deformer,
+    /// Number of the picture's first sample in the sequence.
+    first: u64,
+    /// Number of the next sample.
     samples: u64,
     batch_size: BatchSize,
     stats: RenderStats,
@@ -144,6 +150,7 @@ impl<'gpu> SharedRenderer<'gpu> {
             plan,
             frame,
             deformer,
+            first: 0,
             samples: 0,
             batch_size: BatchSize::default(),
             scene_stats: stats,
@@ -236,6 +243,13 @@ impl<'gpu> SharedRenderer<'gpu> {
         Ok((log[1] != 0).then_some(Overflow { requests, skipped: log[1] }))
     }
 
+    /// Makes the reservoirs of the iteration before the next one, which reuses them.
+    fn remake_reservoirs(&mut self) {
+        if let (true, Some(before)) = (self.plan.reuses(), self.samples.checked_sub(1)) {
+            self.iterate(before, None);
+        }
+    }
+
     /// Runs one iteration.
     fn iterate(&mut self, number: u64, batch_index: Option<u32>) {
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
@@ -249,7 +263,7 @@ impl Renderer for SharedRenderer<'_> {
         while self.samples < end {
             // The first iteration is a batch of its own, so that little is redone if the initial capacity was
             // too small.
-            let alone = self.samples == 0 || self.plan.is_layered();
+            let alone = self.samples == self.first || self.plan.is_layered();
             let count = self.batch_size.next(if alone { 1 } else { BATCH.min(end - self.samples) });
             let began = Instant::now();
             self.batch((self.samples..self.samples + count).collect())?;
@@ -344,12 +358,61 @@ impl Renderer for SharedRenderer<'_> {
             denoiser.restart();
         }
         self.settings.seed = seed;
-        self.samples = 0;
+        (self.first, self.samples) = (0, 0);
+    }
+
+    fn begin_at(&mut self, first: u64) -> Result<(), RenderError> {
+        if self.settings.history > 0 {
+            return Err(RenderError::Setting(
+                "--history averages each sample with those before; leave it out to render a part of the samples"
+                    .to_owned(),
+            ));
+        }
+        self.restart(self.settings.seed);
+        (self.first, self.samples) = (first, first);
+        if let Some(denoiser) = &mut self.frame.denoiser {
+            denoiser.begin_at(first);
+        }
+        self.remake_reservoirs();
+        Ok(())
+    }
+
+    fn state(&self) -> Result<RenderState, RenderError> {
+        let denoiser = self.frame.denoiser.as_ref();
+        let histories = denoiser.into_iter().flat_map(Denoiser::state_buffers);
+        Ok(RenderState {
+            first: self.first,
+            next: self.samples,
+            non_finite: self.stats.non_finite,
+            tiles: self.frame.pixels.converged.as_ref().map(ConvergedTiles::state),
+            frames: denoiser.map(Denoiser::state),
+            buffers: read_buffers(self.gpu, self.frame.pixels.films().chain(histories))?,
+        })
+    }
+
+    fn restore(&mut self, state: &RenderState) -> Result<(), RenderError> {
+        self.restart(self.settings.seed);
+        match (&mut self.frame.denoiser, &state.frames) {
+            (Some(denoiser), Some(frames)) => denoiser.restore(frames),
+            (None, None) => {}
+            _ => return Err(RenderError::foreign_state()),
+        }
+        match (&mut self.frame.pixels.converged, &state.tiles) {
+            (Some(converged), Some(tiles)) => converged.restore(self.gpu, tiles)?,
+            (None, None) => {}
+            _ => return Err(RenderError::foreign_state()),
+        }
+        let histories = self.frame.denoiser.iter().flat_map(Denoiser::state_buffers);
+        write_buffers(self.gpu, self.frame.pixels.films().chain(histories), &state.buffers)?;
+        (self.first, self.samples) = (state.first, state.next);
+        self.stats.non_finite = state.non_finite;
+        self.remake_reservoirs();
+        Ok(())
     }
 
     fn mark_converged(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
         let converged = self.frame.pixels.converged.as_mut().ok_or_else(adaptive_sampling::not_adaptive)?;
-        converged.write(self.gpu, tiles, self.samples)
+        converged.write(self.gpu, tiles, self.samples - self.first)
     }
 
     fn is_adaptive(&self) -> bool {
@@ -361,7 +424,8 @@ impl Renderer for SharedRenderer<'_> {
             Some(denoiser) => Ok(denoiser.film(self.gpu)?),
             None => {
                 let pixels = &self.frame.pixels;
-                read_film(self.gpu, pixels.films(), &self.settings, self.samples, pixels.converged.as_ref())
+                let samples = self.samples - self.first;
+                read_film(self.gpu, pixels.films(), &self.settings, samples, pixels.converged.as_ref())
             }
         }
     }
@@ -372,7 +436,7 @@ impl Renderer for SharedRenderer<'_> {
 
     fn stats(&self) -> RenderStats {
         RenderStats {
-            samples: self.samples,
+            samples: self.samples - self.first,
             bytes: self.frame.bytes(),
             tracer_bytes: self.scene.tracer_bytes(),
             passes: self.gpu.timings.totals(),

@@ -21,7 +21,10 @@ use crate::render::layouts::strategy::ANY;
 use crate::render::layouts::{self, FrameUniform};
 use crate::render::lights::table::{Hittable, LightTable};
 use crate::render::lights::tree::LightTree;
-use crate::render::renderer::{BatchSize, RenderError, RenderStats, Renderer, camera_of, check_size, clear, read_film};
+use crate::render::renderer::{
+    BatchSize, RenderError, RenderStats, Renderer, camera_of, check_size, clear, read_buffers, read_film, write_buffers,
+};
+use crate::render::state::RenderState;
 use crate::render::subpaths::plan::PathPlan;
 use crate::render::subpaths::reservoirs::Reservoirs;
 use crate::render::upload::deformation::Deformer;
@@ -114,6 +117,9 @@ pub struct PathRenderer<'gpu> {
     shared: Shared,
     pixels: Pixels,
     deformer: Deformer,
+    /// Number of the picture's first sample in the sequence.
+    first: u64,
+    /// Number of the next sample.
     samples: u64,
     batch_size: BatchSize,
     stats: RenderStats,
@@ -170,6 +176,7 @@ impl<'gpu> PathRenderer<'gpu> {
             uniform,
             plan,
             deformer,
+            first: 0,
             samples: 0,
             batch_size: BatchSize::default(),
             warnings: scene.warnings.clone(),
@@ -216,6 +223,12 @@ impl<'gpu> PathRenderer<'gpu> {
     pub fn describe(&self, number: u64, first: u32, count: u32) {
         let constants = layouts::Paths { number: number as u32, first, count, ..self.constants };
         self.gpu.queue.write_buffer(&self.shared.paths, 0, bytemuck::bytes_of(&constants));
+    }
+
+    /// Returns the buffers that the next sample adds to or reuses.
+    fn state_buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        let reused = self.reservoirs.iter().filter(|_| self.plan.light_sampling.reuses());
+        std::iter::once(&self.pixels.film).chain(reused.flat_map(Reservoirs::buffers))
     }
 
     /// Records and submits one sample of every pixel.
@@ -323,12 +336,56 @@ impl Renderer for PathRenderer<'_> {
         clear(self.gpu, &self.pixels.film);
         self.pixels.converged.iter_mut().for_each(|converged| converged.restart(self.gpu));
         self.constants.seed = seed;
-        self.samples = 0;
+        (self.first, self.samples) = (0, 0);
+    }
+
+    fn begin_at(&mut self, first: u64) -> Result<(), RenderError> {
+        if self.plan.light_sampling.reuses() && self.settings.restir_memory > 0.0 {
+            return Err(RenderError::Setting(
+                "--restir-memory makes each sample depend on all those before; leave it out to render a part of the samples"
+                    .to_owned(),
+            ));
+        }
+        self.restart(self.constants.seed);
+        if let Some(reservoirs) = &self.reservoirs {
+            reservoirs.buffers().for_each(|buffer| clear(self.gpu, buffer));
+            if let Some(before) = first.checked_sub(1).filter(|_| self.plan.light_sampling.reuses()) {
+                // Its reservoirs are reused; its light is that of another part.
+                self.sample(before);
+                clear(self.gpu, &self.pixels.film);
+            }
+        }
+        (self.first, self.samples) = (first, first);
+        Ok(())
+    }
+
+    fn state(&self) -> Result<RenderState, RenderError> {
+        Ok(RenderState {
+            first: self.first,
+            next: self.samples,
+            non_finite: self.stats.non_finite,
+            tiles: self.pixels.converged.as_ref().map(ConvergedTiles::state),
+            frames: None,
+            buffers: read_buffers(self.gpu, self.state_buffers())?,
+        })
+    }
+
+    fn restore(&mut self, state: &RenderState) -> Result<(), RenderError> {
+        self.restart(self.constants.seed);
+        match (&mut self.pixels.converged, &state.tiles) {
+            (Some(converged), Some(tiles)) => converged.restore(self.gpu, tiles)?,
+            (None, None) => {}
+            _ => return Err(RenderError::foreign_state()),
+        }
+        write_buffers(self.gpu, self.state_buffers(), &state.buffers)?;
+        (self.first, self.samples) = (state.first, state.next);
+        self.stats.non_finite = state.non_finite;
+        Ok(())
     }
 
     fn mark_converged(&mut self, tiles: &[bool]) -> Result<(), RenderError> {
         let converged = self.pixels.converged.as_mut().ok_or_else(adaptive_sampling::not_adaptive)?;
-        converged.write(self.gpu, tiles, self.samples)
+        converged.write(self.gpu, tiles, self.samples - self.first)
     }
 
     fn is_adaptive(&self) -> bool {
@@ -337,12 +394,12 @@ impl Renderer for PathRenderer<'_> {
 
     fn film(&self) -> Result<Film, RenderError> {
         let Pixels { film, converged, .. } = &self.pixels;
-        read_film(self.gpu, std::iter::once(film), &self.settings, self.samples, converged.as_ref())
+        read_film(self.gpu, std::iter::once(film), &self.settings, self.samples - self.first, converged.as_ref())
     }
 
     fn stats(&self) -> RenderStats {
         RenderStats {
-            samples: self.samples,
+            samples: self.samples - self.first,
             bytes: self.plan.bytes,
             tracer_bytes: self.scene.tracer_bytes(),
             passes: self.gpu.timings.totals(),

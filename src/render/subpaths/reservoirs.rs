@@ -44,6 +44,11 @@ impl Reservoirs {
         bindings
     }
 
+    /// Returns all buffers, of even and of odd samples.
+    pub fn buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
+        self.hits.iter().chain(self.reservoirs.iter().flatten())
+    }
+
     /// Records the pass over `count` pixels.
     pub fn record(
         &self,

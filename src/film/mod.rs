@@ -5,9 +5,10 @@
 //! curve. Files are written under a temporary name and then renamed, so that no reader sees an incomplete
 //! file.
 
-use std::path::{Path, PathBuf};
+pub mod exr;
+pub mod record;
 
-use exr::prelude::{Encoding, Image, ReadChannels as _, ReadLayers as _, SpecificChannels, Vec2, WritableImage as _};
+use std::path::{Path, PathBuf};
 
 /// Bytes per pixel of a film on the device: a sum and its compensation (shaders/lib/pixels/film.wesl).
 pub const DEVICE_BYTES: u64 = 24;
@@ -16,7 +17,7 @@ pub const DEVICE_BYTES: u64 = 24;
 const MAX_PIXELS: u64 = 1 << 28;
 
 /// An image in linear Rec. 709 RGB, row 0 on top.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Film {
     /// Columns of the image.
     pub width: u32,
@@ -85,32 +86,14 @@ impl Film {
 
     /// Writes as [`Film::save`], with another encoding to 8-bit RGB for .png.
     pub(crate) fn save_by(&self, path: &Path, encode: &dyn Fn(&Self) -> Vec<u8>) -> Result<(), FilmError> {
-        let error = |cause: String| FilmError::Write { path: path.to_owned(), cause };
         let png = match extension(path).as_str() {
             "exr" => false,
             "png" => true,
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
         };
-        if self.width == 0
-            || self.height == 0
-            || self.pixels.len() as u64 != u64::from(self.width) * u64::from(self.height)
-        {
-            return Err(error(format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height)));
-        }
-        let mut name = std::ffi::OsString::from(".");
-        name.push(path.file_name().unwrap_or_default());
-        name.push(format!(".{}.part", std::process::id()));
-        let temporary = path.with_file_name(name);
-        let written = if png { self.write_png(&temporary, encode(self)) } else { self.write_exr(&temporary) };
-        written.and_then(|()| std::fs::rename(&temporary, path).map_err(|e| e.to_string())).map_err(|cause| {
-            // Removal is a best effort: the first error is the one that is reported.
-            let _ = std::fs::remove_file(&temporary);
-            error(match path.parent() {
-                Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
-                    format!("the folder {} does not exist; create it first", folder.display())
-                }
-                _ => cause,
-            })
+        self.check_pixels(path)?;
+        replace(path, &|temporary| {
+            if png { self.write_png(temporary, encode(self)) } else { exr::write(temporary, self, &[], &[]) }
         })
     }
 
@@ -122,7 +105,7 @@ impl Film {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
         let path = path.as_ref();
         match extension(path).as_str() {
-            "exr" => read_exr(path),
+            "exr" => exr::read(path).map(|image| image.film),
             "hdr" => read_raster(path, image::ImageFormat::Hdr),
             "png" => read_raster(path, image::ImageFormat::Png),
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr, .hdr or .png" }),
@@ -136,16 +119,14 @@ impl Film {
         self.pixels.iter().flatten().map(|v| (srgb_from_linear(v * exposure) * 255.0 + 0.5) as u8).collect()
     }
 
-    fn write_exr(&self, path: &Path) -> Result<(), String> {
-        let size = (self.width as usize, self.height as usize);
-        let channels = SpecificChannels::rgb(|Vec2(x, y)| {
-            let [r, g, b] = self.pixels[y * size.0 + x];
-            (r, g, b)
-        });
-        Image::from_encoded_channels(size, Encoding::SMALL_FAST_LOSSLESS, channels)
-            .write()
-            .to_file(path)
-            .map_err(|e| e.to_string())
+    /// Checks that there is a pixel, and one for each place. Errors name the file that is to be written.
+    fn check_pixels(&self, path: &Path) -> Result<(), FilmError> {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        if pixels > 0 && self.pixels.len() as u64 == pixels {
+            return Ok(());
+        }
+        let cause = format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height);
+        Err(FilmError::Write { path: path.to_owned(), cause })
     }
 
     fn write_png(&self, path: &Path, encoded: Vec<u8>) -> Result<(), String> {
@@ -154,6 +135,33 @@ impl Film {
             .save_with_format(path, image::ImageFormat::Png)
             .map_err(|e| e.to_string())
     }
+}
+
+/// Writes a file by `write` under a temporary name, and then renames it, so that an existing file is only
+/// replaced by a complete one.
+///
+/// # Errors
+/// Returns [`FilmError::Write`] with the cause; the temporary file is removed.
+pub fn replace(path: &Path, write: &dyn Fn(&Path) -> Result<(), String>) -> Result<(), FilmError> {
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.part", std::process::id()));
+    let temporary = path.with_file_name(name);
+    // The data is on the disk before the name is: a crash of the machine leaves the old file or the new one.
+    let sync = || std::fs::File::open(&temporary).and_then(|file| file.sync_all());
+    let written = write(&temporary)
+        .and_then(|()| sync().and_then(|()| std::fs::rename(&temporary, path)).map_err(|e| e.to_string()));
+    written.map_err(|cause| {
+        // Removal is a best effort: the first error is the one that is reported.
+        let _ = std::fs::remove_file(&temporary);
+        let cause = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => {
+                format!("the folder {} does not exist; create it first", folder.display())
+            }
+            _ => cause,
+        };
+        FilmError::Write { path: path.to_owned(), cause }
+    })
 }
 
 /// Encodes a value by sRGB's transfer function, clipped to [0, 1].
@@ -169,32 +177,6 @@ fn linear_from_srgb(encoded: f32) -> f32 {
 
 fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
-}
-
-fn read_exr(path: &Path) -> Result<Film, String> {
-    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(|e| e.to_string())?;
-    let pixels = meta.headers.iter().map(|h| h.layer_size.area() as u64).max().unwrap_or(0);
-    if pixels > MAX_PIXELS {
-        return Err(format!("{pixels} pixels are more than {MAX_PIXELS}"));
-    }
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgb_channels(
-            |size: Vec2<usize>, _| Film {
-                width: size.0 as u32,
-                height: size.1 as u32,
-                pixels: vec![[0.0; 3]; size.area()],
-            },
-            |film: &mut Film, at: Vec2<usize>, (r, g, b): (f32, f32, f32)| {
-                film.pixels[at.1 * film.width as usize + at.0] = [r, g, b];
-            },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|e| format!("{e} (a layer with channels R, G and B is needed)"))?;
-    Ok(image.layer_data.channel_data.pixels)
 }
 
 fn read_raster(path: &Path, format: image::ImageFormat) -> Result<Film, String> {

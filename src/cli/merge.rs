@@ -1,0 +1,155 @@
+//! Command `merge`: joins pictures of parts of a sequence of samples.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+
+use lightsheaf::film::Film;
+use lightsheaf::film::exr::{Channel, Picture};
+use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::render::fingerprint;
+
+use super::output;
+
+#[derive(clap::Args)]
+pub struct MergeArgs {
+    /// Pictures of parts of the samples, .exr of `render --sample-range` or of `merge`
+    #[arg(required = true, value_name = "PART.exr")]
+    parts: Vec<PathBuf>,
+    /// File of the picture of all samples
+    #[arg(short, long, value_name = "OUT.exr")]
+    output: PathBuf,
+    /// Join parts between which samples are missing, too
+    #[arg(long)]
+    allow_gaps: bool,
+    /// Do not print the closing line
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// A part with its file and its record.
+struct Part {
+    path: PathBuf,
+    picture: Picture,
+    record: Record,
+}
+
+/// Joins the parts and writes the picture.
+pub fn run(args: &MergeArgs) -> Result<()> {
+    output::check(&args.output, &["exr"])?;
+    let parts: Vec<Part> = args.parts.iter().map(|path| load(path)).collect::<Result<_>>()?;
+    let [first, others @ ..] = parts.as_slice() else { bail!("there is no part to merge") };
+    others.iter().try_for_each(|other| check(first, other))?;
+    let ranges = join(&parts, args.allow_gaps)?;
+    let merged = merge(&parts, ranges);
+    merged.save(&args.output)?;
+    if let (false, Some(record)) = (args.quiet, &merged.record) {
+        let count = parts.len();
+        eprintln!(
+            "{}: {} samples of {count} {}, {:.2} s of rendering in all",
+            args.output.display(),
+            record.samples,
+            if count == 1 { "part" } else { "parts" },
+            record.seconds
+        );
+    }
+    Ok(())
+}
+
+/// Loads a part, which has to have a record.
+fn load(path: &Path) -> Result<Part> {
+    let picture = Picture::load(path)?;
+    let Some(record) = picture.record.clone() else {
+        bail!("{}: does not say which samples it has; merge files that `lightsheaf render` wrote", path.display());
+    };
+    if record.samples != record.ranges.iter().map(SampleRange::count).sum::<u64>() {
+        bail!("{}: its numbers of samples contradict each other; render the part again", path.display());
+    }
+    Ok(Part { path: path.to_owned(), picture, record })
+}
+
+/// Checks that two parts are of one scene, one set of settings and one version.
+fn check(first: &Part, other: &Part) -> Result<()> {
+    let (a, b) = (&first.record, &other.record);
+    let shown = format!("{} and {}", first.path.display(), other.path.display());
+    if a.settings_hash != b.settings_hash {
+        let differences = fingerprint::differences(&a.settings, &b.settings);
+        bail!(
+            "{shown}: have other settings: {}; render the part again with those of the others",
+            differences.join(", ")
+        );
+    }
+    if a.scene_hash != b.scene_hash {
+        bail!("{shown}: show other scenes, {} and {}, or another pose; render one of them again", a.scene, b.scene);
+    }
+    if a.version != b.version {
+        bail!("{shown}: are of the versions {} and {}; render the older one again", a.version, b.version);
+    }
+    let size = |film: &Film| [film.width, film.height];
+    let channels = |picture: &Picture| picture.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
+    if size(&first.picture.film) != size(&other.picture.film) || channels(&first.picture) != channels(&other.picture) {
+        bail!("{shown}: have other sizes or channels; render one of them again");
+    }
+    Ok(())
+}
+
+/// Returns the samples of all parts in order, adjacent ranges as one. Parts must not overlap.
+fn join(parts: &[Part], allow_gaps: bool) -> Result<Vec<SampleRange>> {
+    let mut all: Vec<(SampleRange, &Path)> =
+        parts.iter().flat_map(|part| part.record.ranges.iter().map(|range| (*range, part.path.as_path()))).collect();
+    all.sort();
+    let mut joined: Vec<SampleRange> = Vec::new();
+    let mut before: Option<&Path> = None;
+    for (range, path) in all {
+        match joined.last_mut() {
+            Some(last) if range.first <= last.last => {
+                let other = before.unwrap_or(path);
+                let (from, to) = (range.first, range.last.min(last.last));
+                bail!("{} and {}: both have the samples {from}..{to}; leave one out", other.display(), path.display());
+            }
+            Some(last) if range.first == last.last + 1 => last.last = range.last,
+            last => {
+                let missing = last.map_or(1, |last| last.last + 1);
+                if range.first > missing && !allow_gaps {
+                    let until = range.first - 1;
+                    bail!("the samples {missing}..{until} are in no part; render them, or give --allow-gaps");
+                }
+                joined.push(range);
+            }
+        }
+        before = Some(path);
+    }
+    Ok(joined)
+}
+
+/// Returns the mean of the parts, weighted by their samples.
+fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
+    let first = &parts[0];
+    let samples: u64 = parts.iter().map(|part| part.record.samples).sum();
+    let mean = |value: &dyn Fn(&Picture) -> f32| {
+        let sum: f64 = parts.iter().map(|part| part.record.samples as f64 * f64::from(value(&part.picture))).sum();
+        (sum / samples as f64) as f32
+    };
+    let pixels = (0..first.picture.film.pixels.len())
+        .map(|at| std::array::from_fn(|c| mean(&|picture| picture.film.pixels[at][c])))
+        .collect();
+    let channel = |(n, channel): (usize, &Channel)| Channel {
+        name: channel.name.clone(),
+        values: (0..channel.values.len()).map(|at| mean(&|picture| picture.channels[n].values[at])).collect(),
+    };
+    let channels = first.picture.channels.iter().enumerate().map(channel).collect();
+    let mut devices: Vec<_> = parts.iter().map(|part| part.record.device.clone()).collect();
+    devices.sort();
+    devices.dedup();
+    let record = Record {
+        command: output::command_line(),
+        samples,
+        ranges,
+        device: devices.join("; "),
+        seconds: parts.iter().map(|part| part.record.seconds).sum(),
+        ..first.record.clone()
+    };
+    let Film { width, height, .. } = first.picture.film;
+    let film = Film { width, height, pixels };
+    Picture { film, channels, attributes: first.picture.attributes.clone(), record: Some(record) }
+}

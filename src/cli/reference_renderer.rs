@@ -1,0 +1,107 @@
+//! The CPU reference as a progressive renderer.
+
+use std::time::Instant;
+
+use lightsheaf::film::Film;
+use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
+use lightsheaf::render::renderer::BatchSize;
+use lightsheaf::render::state::RenderState;
+use lightsheaf::render::{RenderError, RenderStats, Renderer};
+use lightsheaf::scene::Scene;
+use lightsheaf::settings::{Settings, UNLIMITED};
+
+/// Progressive renderer of the CPU reference.
+pub struct ReferenceRenderer<'s> {
+    reference: Reference<'s>,
+    settings: ReferenceSettings,
+    /// The samples so far.
+    pub rounds: Rounds,
+    batch_size: BatchSize,
+}
+
+impl<'s> ReferenceRenderer<'s> {
+    /// Prepares the scene for ray tracing.
+    pub fn new(scene: &'s Scene, settings: &Settings) -> Self {
+        let Settings { width, height, samples, seed, camera, .. } = *settings;
+        let bounces = Some(settings.bounces).filter(|&b| b != UNLIMITED);
+        let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
+        let rounds = Rounds::new(settings);
+        Self { reference: Reference::new(scene), settings, rounds, batch_size: BatchSize::default() }
+    }
+
+    /// Returns the number of the next sample.
+    fn next(&self) -> u64 {
+        self.rounds.range().end.into()
+    }
+}
+
+impl Renderer for ReferenceRenderer<'_> {
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        let end = self.next() + samples;
+        while self.next() < end {
+            let count = self.batch_size.next(end - self.next());
+            let began = Instant::now();
+            self.rounds.add(&self.reference, count as u32, &|_, _| ());
+            self.batch_size.record(count, began.elapsed());
+            if !progress(self.next()) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn restart(&mut self, seed: u32) {
+        self.settings.seed = seed;
+        self.rounds = Rounds::new(self.settings);
+    }
+
+    fn begin_at(&mut self, first: u64) -> Result<(), RenderError> {
+        self.rounds = Rounds::starting_at(self.settings, first as u32);
+        Ok(())
+    }
+
+    fn state(&self) -> Result<RenderState, RenderError> {
+        let range = self.rounds.range();
+        let sums: Vec<u8> = self.rounds.sums().iter().flatten().flat_map(|sum| sum.to_le_bytes()).collect();
+        Ok(RenderState {
+            first: range.start.into(),
+            next: range.end.into(),
+            non_finite: self.rounds.non_finite,
+            buffers: vec![sums],
+            ..RenderState::default()
+        })
+    }
+
+    fn restore(&mut self, state: &RenderState) -> Result<(), RenderError> {
+        let foreign = || RenderError::Setting("the state is that of another picture; begin it anew".to_owned());
+        let [sums] = state.buffers.as_slice() else { return Err(foreign()) };
+        let value = |bytes: &[u8]| bytes.try_into().map(f64::from_le_bytes).unwrap_or_default();
+        let sums =
+            sums.chunks_exact(24).map(|pixel| std::array::from_fn(|c| value(&pixel[8 * c..8 * c + 8]))).collect();
+        let range = state.first as u32..state.next as u32;
+        self.rounds = Rounds::from_sums(self.settings, range, sums).ok_or_else(foreign)?;
+        self.rounds.non_finite = state.non_finite;
+        Ok(())
+    }
+
+    fn mark_converged(&mut self, _: &[bool]) -> Result<(), RenderError> {
+        Err(RenderError::Setting("the reference has no adaptive sampling".to_owned()))
+    }
+
+    fn is_adaptive(&self) -> bool {
+        false
+    }
+
+    fn film(&self) -> Result<Film, RenderError> {
+        Ok(self.rounds.film())
+    }
+
+    fn samples(&self) -> u64 {
+        self.next()
+    }
+
+    fn stats(&self) -> RenderStats {
+        let non_finite = self.rounds.non_finite;
+        RenderStats { samples: self.rounds.samples().into(), non_finite, ..RenderStats::default() }
+    }
+}

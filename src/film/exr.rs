@@ -1,0 +1,175 @@
+//! OpenEXR files: a picture in the channels R, G and B, further channels, and text attributes.
+
+use std::path::Path;
+
+use exr::meta::attribute::{AttributeValue, Text};
+use exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, ReadChannels as _, ReadLayers as _,
+    WritableImage as _,
+};
+
+use super::record::Record;
+use super::{Film, FilmError, MAX_PIXELS, replace};
+
+/// A channel beside R, G and B.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// Its name, such as `A` or `depth.Z`.
+    pub name: String,
+    /// One value per pixel, in row-major order.
+    pub values: Vec<f32>,
+}
+
+/// All that an .exr of this program holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picture {
+    /// The channels R, G and B.
+    pub film: Film,
+    /// All other channels.
+    pub channels: Vec<Channel>,
+    /// Text attributes that are not part of the record, with their names.
+    pub attributes: Vec<(String, String)>,
+    /// What made the picture, if that is known.
+    pub record: Option<Record>,
+}
+
+impl Picture {
+    /// Writes an .exr, which replaces an existing file only when it is complete.
+    ///
+    /// # Errors
+    /// Returns [`FilmError`] if a channel has another number of values than the film has pixels, or if writing
+    /// fails.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
+        let path = path.as_ref();
+        self.film.check_pixels(path)?;
+        if let Some(bad) = self.channels.iter().find(|channel| channel.values.len() != self.film.pixels.len()) {
+            let cause = format!("the channel {} has {} values", bad.name, bad.values.len());
+            return Err(FilmError::Write { path: path.to_owned(), cause });
+        }
+        let mut attributes = self.attributes.clone();
+        attributes.extend(self.record.iter().flat_map(Record::attributes));
+        replace(path, &|temporary| write(temporary, &self.film, &self.channels, &attributes))
+    }
+
+    /// Reads an .exr (half or float; the first layer that has R, G and B).
+    ///
+    /// # Errors
+    /// Returns [`FilmError::Read`] if the file cannot be read.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
+        read(path.as_ref()).map_err(|cause| FilmError::Read { path: path.as_ref().to_owned(), cause })
+    }
+
+    /// Returns the values of a channel.
+    #[must_use]
+    pub fn channel(&self, name: &str) -> Option<&[f32]> {
+        self.channels.iter().find(|channel| channel.name == name).map(|channel| channel.values.as_slice())
+    }
+}
+
+/// Returns text as an attribute holds it: characters beyond Latin-1 are escaped.
+fn latin1(text: &str) -> Text {
+    Text::new_or_none(text).unwrap_or_else(|| {
+        let escaped = text.chars().map(|c| if c as u32 > 255 { c.escape_unicode().to_string() } else { c.to_string() });
+        Text::from(escaped.collect::<String>().as_str())
+    })
+}
+
+/// Writes a file without checks.
+pub(super) fn write(
+    path: &Path,
+    film: &Film,
+    channels: &[Channel],
+    attributes: &[(String, String)],
+) -> Result<(), String> {
+    let of_film = |name: &str, c: usize| {
+        AnyChannel::new(name, FlatSamples::F32(film.pixels.iter().map(|pixel| pixel[c]).collect()))
+    };
+    let mut all = vec![of_film("R", 0), of_film("G", 1), of_film("B", 2)];
+    all.extend(channels.iter().map(|c| AnyChannel::new(c.name.as_str(), FlatSamples::F32(c.values.clone()))));
+    let layer = Layer::new(
+        (film.width as usize, film.height as usize),
+        LayerAttributes::default(),
+        Encoding::SMALL_FAST_LOSSLESS,
+        AnyChannels::sort(all.into()),
+    );
+    let mut image = Image::from_layer(layer);
+    let texts = attributes.iter().map(|(name, text)| (latin1(name), AttributeValue::Text(latin1(text))));
+    image.attributes.other.extend(texts);
+    image.write().to_file(path).map_err(|e| e.to_string())
+}
+
+/// Reads a file. Errors are causes without the name of the file.
+pub(super) fn read(path: &Path) -> Result<Picture, String> {
+    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(|e| e.to_string())?;
+    let pixels = meta.headers.iter().map(|h| h.layer_size.area() as u64).max().unwrap_or(0);
+    if pixels > MAX_PIXELS {
+        return Err(format!("{pixels} pixels are more than {MAX_PIXELS}"));
+    }
+    let image = exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|e| e.to_string())?;
+    let position = |layer: &Layer<AnyChannels<FlatSamples>>, name: &str| {
+        layer.channel_data.list.iter().position(|channel| channel.name == *name)
+    };
+    let rgb = |layer: &Layer<AnyChannels<FlatSamples>>| -> Option<[usize; 3]> {
+        Some([position(layer, "R")?, position(layer, "G")?, position(layer, "B")?])
+    };
+    let wanted = "a layer with channels R, G and B is needed";
+    let (layer, rgb) = image.layer_data.iter().find_map(|layer| Some((layer, rgb(layer)?))).ok_or(wanted)?;
+    let list = &layer.channel_data.list;
+    let [r, g, b] = rgb.map(|at| list[at].sample_data.values_as_f32());
+    let pixels = r.zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
+    let others = list.iter().enumerate().filter(|(at, _)| !rgb.contains(at));
+    let channels = others
+        .map(|(_, c)| Channel { name: c.name.to_string(), values: c.sample_data.values_as_f32().collect() })
+        .collect();
+    let text = |(name, value): (&Text, &AttributeValue)| match value {
+        AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+        _ => None,
+    };
+    let attributes: Vec<_> = image.attributes.other.iter().chain(&layer.attributes.other).filter_map(text).collect();
+    let record = Record::from_attributes(&attributes);
+    let mut attributes: Vec<_> = attributes.into_iter().filter(|(name, _)| !Record::owns(name)).collect();
+    attributes.sort();
+    let film = Film { width: layer.size.width() as u32, height: layer.size.height() as u32, pixels };
+    Ok(Picture { film, channels, attributes, record })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_keeps_channels_and_attributes() {
+        let folder = std::env::temp_dir().join(format!("lightsheaf-exr-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("a.exr");
+        let mut film = Film::new(3, 2);
+        film.pixels[4] = [1.0, -2.5, 1e30];
+        let values: Vec<f32> = (0..6).map(|n| n as f32 / 3.0).collect();
+        let channels = vec![Channel { name: "depth.Z".to_owned(), values }];
+        let attributes = vec![("comments".to_owned(), "größer".to_owned())];
+        let record = Record { command: "a \u{4e00}".to_owned(), ranges: vec![], ..Record::default() };
+        let mut picture = Picture { film, channels, attributes, record: Some(record) };
+        picture.save(&path).unwrap();
+        assert_eq!(Picture::load(&path).unwrap().record, None, "a record without a range is none");
+        picture.record = Some(Record {
+            ranges: vec![crate::film::record::SampleRange { first: 1, last: 3 }],
+            ..picture.record.unwrap()
+        });
+        picture.save(&path).unwrap();
+        picture.record.as_mut().unwrap().command = "a \\u{4e00}".to_owned();
+        assert_eq!(Picture::load(&path).unwrap(), picture);
+        assert_eq!(picture.channel("depth.Z").map(|z| z[3]), Some(1.0));
+
+        picture.channels[0].values.pop();
+        assert!(picture.save(&path).unwrap_err().to_string().contains("depth.Z has 5 values"));
+        assert_eq!(Film::load(&path).unwrap(), picture.film, "the file is still there");
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
