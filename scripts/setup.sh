@@ -5,6 +5,9 @@
 #   a Vulkan loader    finds the drivers (not needed on macOS, which has Metal)
 #   a Vulkan device    a GPU's driver; where there is none, Mesa's software driver, which renders on the CPU
 #
+# With --denoise only Intel Open Image Denoise, for `render --denoise`, from the Python package pyoidn (Apache 2.0), into the user's
+# data folder; Debian and Ubuntu have no package of it. Needs python3 with pip, on Linux on x86-64.
+#
 # With --window also what `lightsheaf view` needs (the libraries of X11), with --tests also a display that nobody sees, hands and
 # eyes (Xvfb, xdotool, xwd), by which the tests use its window.
 #
@@ -49,15 +52,41 @@ has_device() {
     return 1
 }
 
-window="" tests="" check=""
+# --- The denoiser ------------------------------------------------------------------------------------------------------
+
+install_denoiser() {
+    local data=${XDG_DATA_HOME:-$HOME/.local/share}/lightsheaf/oidn/lib temporary file
+    if [[ -e $data/libOpenImageDenoise.so.2 ]]; then return; fi
+    [[ $check ]] && { say "missing: Intel Open Image Denoise (render --denoise)"; exit 1; }
+    [[ $(uname -sm) == "Linux x86_64" ]] || fail "--denoise knows Linux on x86-64 only: install Open Image Denoise 2, and name its library by LIGHTSHEAF_OIDN"
+    python3 -m pip --version >/dev/null 2>&1 || fail "--denoise needs python3 with pip: install them (apt-get install python3-pip)"
+    temporary=$(mktemp -d)
+    # shellcheck disable=SC2064
+    trap "rm -rf '$temporary'" EXIT
+    say "installing Intel Open Image Denoise into $data (85 MB are downloaded)"
+    python3 -m pip -q --disable-pip-version-check download --no-deps pyoidn==2.5.1.0 -d "$temporary" >&2 || fail "pyoidn 2.5.1.0 cannot be downloaded: see the messages above"
+    python3 -m zipfile -e "$temporary"/pyoidn-*.whl "$temporary"
+    mkdir -p "$data"
+    for file in libOpenImageDenoise_core.so.2.5.1 libOpenImageDenoise_device_cpu.so.2.5.1 libtbb.so.12 libOpenImageDenoise.so.2; do
+        cp "$temporary/pyoidn/oidn/lib/$file" "$data/$file"
+    done
+    say "done"
+}
+
+window="" tests="" check="" denoise=""
 for option in "$@"; do
     case $option in
         --window) window=yes ;;
         --tests) window=yes tests=yes ;;
         --check) check=yes ;;
-        *) fail "unknown option $option: there are --window, --tests and --check" ;;
+        --denoise) denoise=yes ;;
+        *) fail "unknown option $option: there are --window, --tests, --denoise and --check" ;;
     esac
 done
+if [[ $denoise ]]; then
+    install_denoiser
+    exit 0
+fi
 
 missing=()
 look() {

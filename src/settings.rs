@@ -421,7 +421,7 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces))]
     #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
-    /// Seed of all random numbers. The same seed, settings, device and driver produce the same bytes
+    /// Seed of all random numbers. The same seed, settings, device and driver produce the same pixels
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed))]
     pub seed: u32,
     /// Data structures that answer exact visibility in shared: lists rasterized in every iteration, a grid

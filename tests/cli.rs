@@ -59,7 +59,7 @@ fn rendered(output: &str, more: &[&str]) -> Film {
 #[test]
 fn help_and_version() {
     let help = succeed(&["--help"]);
-    for command in ["render", "view", "compare", "bench", "plan", "stress", "scenes"] {
+    for command in ["render", "view", "merge", "denoise", "compare", "bench", "plan", "stress", "scenes"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command} is not in: {help}");
         assert!(succeed(&[command, "--help"]).contains("Usage: lightsheaf"));
     }
@@ -73,7 +73,7 @@ fn readme_shows_real_options() {
     let others = |span: &&str| span.starts_with("cargo ") || span.starts_with("scripts/");
     let readme: Vec<&str> = readme.split('`').filter(|span| !others(span)).collect();
     let readme = readme.join("`");
-    let help: String = ["render", "view", "compare", "bench", "plan", "stress", "scenes"]
+    let help: String = ["render", "view", "merge", "denoise", "compare", "bench", "plan", "stress", "scenes"]
         .map(|command| succeed(&[command, "--help"]))
         .concat();
     let known = |option: &str| help.split([' ', ',', '\n', '`']).any(|word| word == option);

@@ -111,8 +111,8 @@ pub fn write(path: &Path, identity: &Identity, saved: &Saved) -> Result<()> {
     let sum = parts().fold(Sha256::new(), |sum, part| sum.chain_update(part)).finalize();
     film::replace(path, &|temporary| {
         let mut file = std::fs::File::create(temporary).map_err(|e| e.to_string())?;
-        let all = [MAGIC, sum.as_slice()].into_iter().chain(parts());
-        all.map(|part| std::io::Write::write_all(&mut file, part)).collect::<Result<_, _>>().map_err(|e| e.to_string())
+        let mut all = [MAGIC, sum.as_slice()].into_iter().chain(parts());
+        all.try_for_each(|part| std::io::Write::write_all(&mut file, part)).map_err(|e| e.to_string())
     })
     .map_err(|e| anyhow!("{}", e.to_string().replace("the image", "the checkpoint")))
 }

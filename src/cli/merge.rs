@@ -9,6 +9,7 @@ use lightsheaf::film::exr::{Channel, Picture};
 use lightsheaf::film::record::{Record, SampleRange};
 use lightsheaf::render::fingerprint;
 
+use super::aov::NOISY;
 use super::output;
 
 #[derive(clap::Args)]
@@ -62,6 +63,9 @@ fn load(path: &Path) -> Result<Part> {
     let Some(record) = picture.record.clone() else {
         bail!("{}: does not say which samples it has; merge files that `lightsheaf render` wrote", path.display());
     };
+    if picture.channel(NOISY[0]).is_some() {
+        bail!("{}: is denoised; merge the originals, and denoise the result", path.display());
+    }
     if record.samples != record.ranges.iter().map(SampleRange::count).sum::<u64>() {
         bail!("{}: its numbers of samples contradict each other; render the part again", path.display());
     }
@@ -135,7 +139,12 @@ fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
         .collect();
     let channel = |(n, channel): (usize, &Channel)| Channel {
         name: channel.name.clone(),
-        values: (0..channel.values.len()).map(|at| mean(&|picture| picture.channels[n].values[at])).collect(),
+        // Layers without light are the same in all parts.
+        values: if parts.iter().all(|part| part.picture.channels[n] == *channel) {
+            channel.values.clone()
+        } else {
+            (0..channel.values.len()).map(|at| mean(&|picture| picture.channels[n].values[at])).collect()
+        },
     };
     let channels = first.picture.channels.iter().enumerate().map(channel).collect();
     let mut devices: Vec<_> = parts.iter().map(|part| part.record.device.clone()).collect();

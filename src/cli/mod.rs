@@ -1,4 +1,4 @@
-//! Command line: `render`, `view`, `merge`, `compare`, `bench`, `plan`, `stress`, `scenes`.
+//! Command line: `render`, `view`, `merge`, `denoise`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
 //! Results go to stdout or to the requested files; warnings, notes, progress and the closing line go to
 //! stderr.
@@ -10,9 +10,11 @@
 //! | 2 | An error occurred. It is printed once on stderr as `error: ...`. |
 //! | 130 | `render` was interrupted and has written its picture. |
 
+mod aov;
 mod bench;
 mod checkpoint;
 mod compare;
+mod denoise;
 mod interrupt;
 mod merge;
 mod output;
@@ -59,6 +61,8 @@ enum Command {
     View(Box<window::WindowArgs>),
     /// Join pictures of parts of the samples to the picture of all of them
     Merge(merge::MergeArgs),
+    /// Denoise a picture by Intel Open Image Denoise
+    Denoise(denoise::DenoiseArgs),
     /// Print the error of an image against a reference, in linear RGB
     Compare(compare::CompareArgs),
     /// Measure error against run time, method by method, and write a report
@@ -109,6 +113,7 @@ pub fn run() -> ExitCode {
         }
         Command::View(args) => window::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Merge(args) => merge::run(&args).map(|()| ExitCode::SUCCESS),
+        Command::Denoise(args) => denoise::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Plan(mut args) => {

@@ -14,6 +14,7 @@ use lightsheaf::film::Film;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::film::record::{Record, SampleRange};
 use lightsheaf::gpu::{Gpu, GpuError, PassTime};
+use lightsheaf::reference::aov::Aovs;
 use lightsheaf::render::convergence::Convergence;
 use lightsheaf::render::fingerprint;
 use lightsheaf::render::renderer::ViewRequests;
@@ -22,6 +23,7 @@ use lightsheaf::scene::Scene;
 use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
+use super::aov::LayerArgs;
 use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
 use super::output;
@@ -50,6 +52,8 @@ pub struct RenderArgs {
     output: Vec<PathBuf>,
     #[command(flatten)]
     grade: GradeArgs,
+    #[command(flatten)]
+    layers: LayerArgs,
     /// Write the contribution of each strategy (s, t) to this folder: weighted by MIS (sS_tT.exr; their sum
     /// is the image) and unweighted (sS_tT_unweighted.exr). Needs a limited number of bounces. Not available
     /// with reference
@@ -195,7 +199,7 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         return go_on_after_losses(&|| saved.borrow().as_ref().map_or(0, |saved: &Saved| saved.samples), &mut || {
             let began = Instant::now();
             let gpu = open(args)?;
-            let (grade, saved, scene_hash) = (&grade, &saved, OnceCell::new());
+            let (grade, saved, scene_hash, aovs) = (&grade, &saved, OnceCell::new(), OnceCell::new());
             let job = Job {
                 args,
                 interrupt,
@@ -209,6 +213,7 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
                 all: 1,
                 saved,
                 scene_hash,
+                aovs,
             };
             job.run(gpu.as_ref(), &mut None)
         });
@@ -234,9 +239,23 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        let (grade, saved, frame, scene_hash) = (&grade, &saved, Some(frame), OnceCell::new());
-        let job =
-            Job { args, interrupt, grade, load, began, scene, settings, animations, frame, all, saved, scene_hash };
+        let (grade, saved, frame) = (&grade, &saved, Some(frame));
+        let (scene_hash, aovs) = (OnceCell::new(), OnceCell::new());
+        let job = Job {
+            args,
+            interrupt,
+            grade,
+            load,
+            began,
+            scene,
+            settings,
+            animations,
+            frame,
+            all,
+            saved,
+            scene_hash,
+            aovs,
+        };
         job.run(gpu.as_ref(), &mut renderer)?;
     }
     Ok(())
@@ -307,6 +326,7 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
     }
+    args.layers.check(args.output.iter().any(|path| is_exr(path)), args.writes_png())?;
     if let Some(seconds) = args.checkpoint {
         if !CHECKPOINTS.contains(&seconds) {
             bail!("--checkpoint {seconds}: has to be {} to {} seconds", CHECKPOINTS.start(), CHECKPOINTS.end());
@@ -356,6 +376,7 @@ struct Job<'a> {
     /// The render as it was last saved, from which it goes on if the device is lost.
     saved: &'a RefCell<Option<Saved>>,
     scene_hash: OnceCell<String>,
+    aovs: OnceCell<Option<Aovs>>,
 }
 
 impl Job<'_> {
@@ -559,10 +580,12 @@ impl Job<'_> {
         let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
         let paths: Vec<PathBuf> = self.args.output.iter().map(|path| named(path)).collect();
         let (exposure, tonemap) = self.args.grade.chosen();
-        let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(film), tonemap });
+        let picture = self.picture(film)?;
+        let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
         let record = self.record(stats.plan.as_ref(), stats.samples, stats.seconds.render, stats.device.clone());
+        let picture = Picture { record: Some(record), ..picture };
         for path in &paths {
-            save(path, film, grade, &record)?;
+            save(path, &picture, grade)?;
         }
         if self.args.writes_png() {
             (stats.exposure_stops, stats.tonemap) = (Some(grade.stops), Some(grade.tonemap));
@@ -615,6 +638,12 @@ impl Job<'_> {
     /// Returns the hash of the scene.
     fn scene_hash(&self) -> &str {
         self.scene_hash.get_or_init(|| fingerprint::scene_hash(self.scene))
+    }
+
+    /// Returns the picture with its layers.
+    fn picture(&self, film: &Film) -> Result<Picture> {
+        let aovs = self.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.settings));
+        self.args.layers.picture(film, self.scene, aovs.as_ref())
     }
 
     /// Returns the record of a picture.
@@ -673,13 +702,10 @@ fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }
 
-/// Writes a picture: .exr with its record, .png with its exposure and tone curve.
-fn save(path: &Path, film: &Film, grade: &Grade, record: &Record) -> Result<()> {
-    if is_exr(path) {
-        let (film, record) = (film.clone(), Some(record.clone()));
-        return Ok(Picture { film, record, ..Picture::default() }.save(path)?);
-    }
-    Ok(film.save_graded(path, grade)?)
+/// Writes a picture: .exr with its layers and its record, .png with its exposure and tone curve.
+fn save(path: &Path, picture: &Picture, grade: &Grade) -> Result<()> {
+    let saved = if is_exr(path) { picture.save(path) } else { picture.film.save_graded(path, grade) };
+    Ok(saved?)
 }
 
 /// Keeps what a render has, in memory and in files.
@@ -711,8 +737,9 @@ impl Keeper {
         checkpoint::write(&checkpoint::path_of(&job.args.output[0]), &self.identity(job), saved)?;
         let record = job.record(Some(plan), saved.samples, saved.seconds, self.device.clone());
         let (exposure, tonemap) = job.args.grade.chosen();
-        let grade = Grade { stops: exposure.stops(film), tonemap };
-        job.args.output.iter().try_for_each(|path| save(path, film, &grade, &record))
+        let picture = Picture { record: Some(record), ..job.picture(film)? };
+        let grade = Grade { stops: exposure.stops(&picture.film), tonemap };
+        job.args.output.iter().try_for_each(|path| save(path, &picture, &grade))
     }
 }
 

@@ -153,7 +153,7 @@ mod tests {
         film.pixels[4] = [1.0, -2.5, 1e30];
         let values: Vec<f32> = (0..6).map(|n| n as f32 / 3.0).collect();
         let channels = vec![Channel { name: "depth.Z".to_owned(), values }];
-        let attributes = vec![("comments".to_owned(), "größer".to_owned())];
+        let attributes = vec![("note".to_owned(), "größer".to_owned())];
         let record = Record { command: "a \u{4e00}".to_owned(), ranges: vec![], ..Record::default() };
         let mut picture = Picture { film, channels, attributes, record: Some(record) };
         picture.save(&path).unwrap();

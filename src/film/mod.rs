@@ -5,7 +5,9 @@
 //! curve. Files are written under a temporary name and then renamed, so that no reader sees an incomplete
 //! file.
 
+pub mod cryptomatte;
 pub mod exr;
+pub mod oidn;
 pub mod record;
 
 use std::path::{Path, PathBuf};

@@ -27,6 +27,15 @@ impl Rays {
         }
     }
 
+    /// Returns origin and unit direction of the ray through the centre of the lens, and the unit direction of
+    /// the view.
+    #[must_use]
+    pub fn central(&self, pixel: Vec2) -> (Vec3, Vec3, Vec3) {
+        let pinhole = Self { lens: None, ..*self };
+        let (origin, direction) = pinhole.ray(pixel, &mut Sampler::new(0, 0, 0));
+        (origin, direction, self.world_from_camera.transform_vector3(Vec3::NEG_Z).normalize())
+    }
+
     /// Returns origin and unit direction in world space for a point in pixels from the upper left corner. A
     /// thin lens samples a point on its aperture and aims at the point in which the pinhole ray intersects
     /// the plane of focus (pbrt-v4, section 5.2.3).

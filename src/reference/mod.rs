@@ -8,6 +8,7 @@
 //! [`Reference`] is built once per scene. [`Reference::render`] renders images; [`Reference::closest_hit`]
 //! and [`Reference::occluded`] trace single rays for tests of other visibility methods.
 
+pub mod aov;
 pub mod bsdf;
 pub mod bvh;
 mod camera;

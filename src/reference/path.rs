@@ -193,6 +193,12 @@ impl Reference<'_> {
         opacity > 0.0 && (opacity >= 1.0 || chance() < opacity)
     }
 
+    /// Returns the closest hit of a camera ray, as paths find it: blended surfaces stop a share of the rays.
+    pub(super) fn seen(&self, origin: Vec3, direction: Vec3, bits: u32) -> Option<Hit> {
+        let stops = |hit: &Hit| !self.is_culled(hit, direction, 0) && self.stops(hit, bits);
+        self.bvh.closest(origin, direction, f32::INFINITY, NONE, stops)
+    }
+
     /// Returns the share of light that passes all surfaces between 0 and `t_max`, except two triangles.
     fn passing(&self, origin: Vec3, direction: Vec3, t_max: f32, exclude: [u32; 2]) -> f32 {
         let passing = Cell::new(1.0);

@@ -1,0 +1,182 @@
+//! Renders what a camera sees without lighting: coverage, albedo, normals, depths, positions, emission, and
+//! the objects and materials of each pixel.
+//!
+//! The rays do not depend on the method, the seed or the number of samples of the picture, so that all methods
+//! and all parts of a picture have the same images.
+
+use std::collections::BTreeMap;
+
+use glam::{Vec2, Vec3};
+use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
+
+use super::sampler::Sampler;
+use super::{Reference, ReferenceSettings};
+use crate::scene::Geometry;
+
+/// Distance where nothing is hit.
+pub const FAR: f32 = 1e10;
+
+/// Images of what the camera sees, one value per pixel in row-major order. Those that are called means are
+/// means over the rays of a pixel; rays that hit nothing count as zero.
+#[derive(Clone, Debug, Default)]
+pub struct Aovs {
+    /// Share of the rays that hit a surface, 0 to 1.
+    pub coverage: Vec<f32>,
+    /// Mean directional albedo, 0 to 1.
+    pub albedo: Vec<[f32; 3]>,
+    /// Mean shading normal on the camera's side, world space; shorter than 1 at edges.
+    pub normal: Vec<[f32; 3]>,
+    /// Depth along the view direction at the centre of the pixel, metres; [`FAR`] where nothing is hit.
+    pub depth: Vec<f32>,
+    /// Position at the centre of the pixel, world space, metres; zero where nothing is hit.
+    pub position: Vec<[f32; 3]>,
+    /// Mean radiance that seen surfaces emit.
+    pub emission: Vec<[f32; 3]>,
+    /// Mean radiance of the environment that is seen past all surfaces.
+    pub background: Vec<[f32; 3]>,
+    /// Instances in each pixel with their coverage, the largest first. [`Aovs::TESSELLATED`] are surfaces whose
+    /// triangles were made by tessellation.
+    pub objects: Vec<Vec<(u32, f32)>>,
+    /// Materials in each pixel with their coverage, the largest first.
+    pub materials: Vec<Vec<(u32, f32)>>,
+}
+
+impl Aovs {
+    /// Instance of surfaces that are tessellated.
+    pub const TESSELLATED: u32 = u32::MAX;
+}
+
+/// The images' values of a pixel.
+#[derive(Default)]
+struct Pixel {
+    hits: u32,
+    albedo: Vec3,
+    normal: Vec3,
+    emission: Vec3,
+    background: Vec3,
+    depth: f32,
+    position: Vec3,
+    objects: BTreeMap<u32, u32>,
+    materials: BTreeMap<u32, u32>,
+}
+
+impl Reference<'_> {
+    /// Traces `settings.samples` rays through each pixel, through points of the lens if there is one, and one
+    /// through the centre of the pixel and of the lens. `settings.seed` and `settings.bounces` are not used.
+    ///
+    /// # Panics
+    /// Panics if the scene has no camera of that index.
+    #[must_use]
+    pub fn aovs(&self, settings: &ReferenceSettings) -> Aovs {
+        let ReferenceSettings { width, height, samples, .. } = *settings;
+        let instances = self.instances_of_triangles();
+        let pixels: Vec<Pixel> =
+            (0..width * height).into_par_iter().map(|pixel| self.aovs_of(settings, pixel, &instances)).collect();
+        let mean = |value: &dyn Fn(&Pixel) -> Vec3| -> Vec<[f32; 3]> {
+            pixels.iter().map(|pixel| (value(pixel) / samples as f32).to_array()).collect()
+        };
+        let ranked = |counts: &dyn Fn(&Pixel) -> &BTreeMap<u32, u32>| -> Vec<Vec<(u32, f32)>> {
+            let of_pixel = |pixel: &Pixel| {
+                let mut all: Vec<_> = counts(pixel).iter().map(|(&id, &count)| (id, count)).collect();
+                all.sort_by_key(|&(id, count)| (std::cmp::Reverse(count), id));
+                all.into_iter().map(|(id, count)| (id, count as f32 / samples as f32)).collect()
+            };
+            pixels.iter().map(of_pixel).collect()
+        };
+        Aovs {
+            coverage: pixels.iter().map(|pixel| pixel.hits as f32 / samples as f32).collect(),
+            albedo: mean(&|pixel| pixel.albedo),
+            normal: mean(&|pixel| pixel.normal),
+            depth: pixels.iter().map(|pixel| pixel.depth).collect(),
+            position: pixels.iter().map(|pixel| pixel.position.to_array()).collect(),
+            emission: mean(&|pixel| pixel.emission),
+            background: mean(&|pixel| pixel.background),
+            objects: ranked(&|pixel| &pixel.objects),
+            materials: ranked(&|pixel| &pixel.materials),
+        }
+    }
+
+    /// Traces the rays of one pixel.
+    fn aovs_of(&self, settings: &ReferenceSettings, pixel: u32, instances: &[u32]) -> Pixel {
+        let corner = Vec2::new((pixel % settings.width) as f32, (pixel / settings.width) as f32);
+        let rays = self.rays(settings);
+        let mut out = Pixel { depth: FAR, ..Pixel::default() };
+        for sample in 0..settings.samples {
+            let mut sampler = Sampler::new(0, pixel, sample);
+            let at = corner + sampler.pair();
+            let (origin, direction) = rays.ray(at, &mut sampler);
+            let Some(hit) = self.seen(origin, direction, sampler.bits_of_ray(1)) else {
+                out.background += self.sky.as_ref().map_or(Vec3::ZERO, |sky| sky.radiance(direction));
+                continue;
+            };
+            let surface = self.surfaces.at(&hit, direction);
+            let wo = surface.frame.local(-direction);
+            out.hits += 1;
+            out.albedo +=
+                self.surfaces.bsdf(&surface).map_or(Vec3::ZERO, |bsdf| bsdf.albedo(wo)).clamp(Vec3::ZERO, Vec3::ONE);
+            out.normal += surface.frame.z;
+            out.emission += self.surfaces.emitted(&hit, surface.front);
+            *out.objects.entry(instances[hit.triangle as usize]).or_default() += 1;
+            *out.materials.entry(self.geometry().materials[hit.triangle as usize]).or_default() += 1;
+        }
+        let (origin, direction, forward) = rays.central(corner + 0.5);
+        if let Some(hit) = self.first_hit(origin, direction) {
+            out.position = self.surfaces.at(&hit, direction).position;
+            out.depth = hit.t * direction.dot(forward);
+        }
+        out
+    }
+
+    /// Returns the instance of each triangle.
+    fn instances_of_triangles(&self) -> Vec<u32> {
+        let (_, sources) = Geometry::with_sources(self.scene);
+        let instance = |corner: u32| sources.origins.get(corner as usize).map_or(Aovs::TESSELLATED, |o| o.instance);
+        self.geometry().triangles.iter().map(|&[first, ..]| instance(first)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{FovAxis, Projection, builtin};
+
+    #[test]
+    fn a_triangle_covers_what_it_covers() {
+        let mut scene = builtin::load("single_triangle").unwrap();
+        scene.cameras[0].projection = Projection::Perspective { fov: 60.0_f32.to_radians(), axis: FovAxis::Smaller };
+        scene.cameras[0] = scene.cameras[0].clone().looking(Vec3::new(0.0, 1.0, 9.0), Vec3::Y).unwrap();
+        let reference = Reference::new(&scene);
+        let settings = ReferenceSettings { width: 24, height: 24, samples: 64, bounces: None, seed: 1, camera: 0 };
+        let aovs = reference.aovs(&settings);
+        let features = reference.features(&settings);
+        let full = |pixel: &usize| aovs.coverage[*pixel] == 1.0;
+        let inside: Vec<usize> = (0..24 * 24).filter(full).collect();
+        let partly = aovs.coverage.iter().filter(|&&c| c > 0.0 && c < 1.0).count();
+        assert!(inside.len() > 20 && partly > 5, "{} pixels inside, {partly} at edges", inside.len());
+        // The triangle lies in the plane z = 0 and has an area of 32 square metres. The view, 9 m away, is
+        // 18 tan(30 degrees) = 10.392 m wide there: 2.3094 pixels per metre.
+        let area: f32 = aovs.coverage.iter().sum();
+        assert!((area / (32.0 * 2.3094 * 2.3094) - 1.0).abs() < 0.005, "{area} pixels");
+        let camera = &scene.cameras[0];
+        let eye = Vec3::from(camera.world_from_camera.translation);
+        for &pixel in &inside {
+            let close = |a: [f32; 3], b: [f32; 3]| Vec3::from(a).distance(b.into()) < 1e-4;
+            assert!(close(aovs.albedo[pixel], features.albedo.pixels[pixel]));
+            assert!(close(aovs.normal[pixel], features.normal.pixels[pixel]));
+            let position = Vec3::from(aovs.position[pixel]);
+            assert!((position.distance(eye) - features.distance.pixels[pixel][0]).abs() < 1e-4);
+            assert!((aovs.depth[pixel] - 9.0).abs() < 1e-4 && position.z.abs() < 1e-4);
+            let view = camera.world_from_camera.inverse().transform_point3(position);
+            assert!((view.z + aovs.depth[pixel]).abs() < 1e-4, "{} and {}", view.z, aovs.depth[pixel]);
+            assert_eq!(
+                (aovs.objects[pixel].as_slice(), aovs.materials[pixel].as_slice()),
+                (&[(0, 1.0)][..], &[(0, 1.0)][..])
+            );
+        }
+        for pixel in (0..24 * 24).filter(|&pixel| aovs.coverage[pixel] == 0.0) {
+            assert_eq!((aovs.normal[pixel], aovs.depth[pixel], aovs.objects[pixel].len()), ([0.0; 3], FAR, 0));
+        }
+        let other = reference.aovs(&ReferenceSettings { seed: 9, ..settings });
+        assert_eq!(other.coverage, aovs.coverage, "the seed of the picture does not count");
+    }
+}
