@@ -227,7 +227,7 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
     let mut load = began.elapsed().as_secs_f64();
     let mut began = Instant::now();
     let gpu = open(args)?;
-    let (mut renderer, mut scene, all, saved) = (None, first, frames.len(), RefCell::new(None));
+    let (mut renderer, mut scene, all) = (None, first, frames.len());
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
             break;
@@ -239,6 +239,8 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
+        // What is saved belongs to one frame.
+        let saved = RefCell::new(None);
         let (grade, saved, frame) = (&grade, &saved, Some(frame));
         let (scene_hash, aovs) = (OnceCell::new(), OnceCell::new());
         let job = Job {
@@ -948,6 +950,8 @@ impl Clock {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::Cell;
+
     use super::*;
 
     #[test]
@@ -959,6 +963,31 @@ mod tests {
         let used = Clock { began: Instant::now(), budget: Duration::ZERO };
         assert_eq!(used.next_round(0, 8), Some(1));
         assert_eq!(used.next_round(1, 8), None);
+    }
+
+    /// A lost device is opened again as long as samples are gained, and four times without any.
+    #[test]
+    fn a_render_goes_on_after_losses() {
+        let lost = || Err(RenderError::Gpu(GpuError::Lost("gone".to_owned())).into());
+        let (kept, attempts) = (Cell::new(0), Cell::new(0));
+        let attempt = |gains: bool, losses: u32| {
+            kept.set(0);
+            attempts.set(0);
+            go_on_after_losses(&|| kept.get(), &mut || {
+                attempts.set(attempts.get() + 1);
+                kept.set(kept.get() + u64::from(gains));
+                if attempts.get() > losses { Ok(()) } else { lost() }
+            })
+        };
+        assert!(attempt(true, 20).is_ok() && attempts.get() == 21);
+        assert!(attempt(false, MAX_LOSSES).is_ok());
+        assert!(attempt(false, 20).is_err_and(|error| error.to_string().contains("was lost")));
+        assert_eq!(attempts.get(), MAX_LOSSES + 1);
+        let other = go_on_after_losses(&|| 0, &mut || {
+            attempts.set(0);
+            bail!("another error")
+        });
+        assert!(other.is_err() && attempts.get() == 0);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3, Vec4};
 
 use crate::scene::animation::track::{Factor, Target};
 use crate::scene::model::error::LoadError;
+use crate::scene::model::geometry::Vertex;
 use crate::scene::model::material::Opacity;
 use crate::scene::model::mesh::{Instance, Mesh};
 use crate::scene::model::scene::Scene;
@@ -38,6 +39,7 @@ pub fn finish(scene: &mut Scene, path: &Path) -> Result<(), LoadError> {
         Arc::make_mut(rig).shapes.iter_mut().for_each(|shape| _ = repair(&mut shape.base));
     }
     check_instances(scene).map_err(|(i, cause)| LoadError::at(path, format!("instance {i}"), cause))?;
+    check_memory(scene, free_memory()).map_err(|cause| LoadError::new(path, cause))?;
     for (i, texture) in scene.textures.iter().enumerate() {
         if texture.image >= scene.images.len() {
             let cause = format!("image {} of {}", texture.image, scene.images.len());
@@ -158,6 +160,36 @@ fn flat_emitters(scene: &Scene) -> usize {
     scene.instances.iter().map(of).sum()
 }
 
+/// Bytes of memory that are free, where the system says so.
+fn free_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
+}
+
+/// Checks that the triangles of all instances fit into the free memory once each has its place in the world.
+fn check_memory(scene: &Scene, free: Option<u64>) -> Result<(), String> {
+    let meshes = scene.instances.iter().map(|instance| &scene.meshes[instance.mesh]);
+    let (vertices, triangles) = meshes.fold((0, 0), |(vertices, triangles), mesh| {
+        (vertices + mesh.positions.len(), triangles + mesh.triangles.len())
+    });
+    let of_triangle = size_of::<[u32; 3]>() + size_of::<u32>();
+    let bytes = (vertices * size_of::<Vertex>() + triangles * of_triangle) as u64;
+    match free.filter(|&free| bytes > free) {
+        None => Ok(()),
+        Some(free) => {
+            let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
+            Err(format!(
+                "its {} instances have {triangles} triangles together, which need {} MiB of memory; {} MiB are free: show fewer \
+                 instances, or simpler ones",
+                scene.instances.len(),
+                mebibytes(bytes),
+                mebibytes(free)
+            ))
+        }
+    }
+}
+
 /// Returns the world-space bounds; an error holds the instance at fault and the cause.
 pub(in crate::scene) fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usize, String)> {
     let mut bounds: Option<[Vec3; 2]> = None;
@@ -189,4 +221,24 @@ pub(in crate::scene) fn check_instances(scene: &Scene) -> Result<[Vec3; 2], (usi
         }
     }
     Ok(bounds.unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin;
+
+    #[test]
+    fn instances_that_do_not_fit_are_told_before_they_are_placed() {
+        let mut scene = builtin::load("single_triangle").unwrap();
+        scene.instances = vec![scene.instances[0]; 1000];
+        let bytes = 1000 * (3 * size_of::<Vertex>() as u64 + 16);
+        assert_eq!((check_memory(&scene, Some(bytes)), check_memory(&scene, None)), (Ok(()), Ok(())));
+        let told = check_memory(&scene, Some(bytes - 1)).unwrap_err();
+        assert!(
+            told.contains("1000 triangles together, which need 1 MiB") && told.contains("1 MiB are free"),
+            "{told}"
+        );
+        assert!(free_memory().is_none_or(|free| free > 1 << 20));
+    }
 }
