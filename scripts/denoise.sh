@@ -22,8 +22,8 @@ for scene in cornell_point cornell_glossy; do
             began=$(date +%s.%N)
             "$program" denoise "$folder/a.exr" -o "$folder/b.exr"
             echo "$began $(date +%s.%N)" | awk '{ print $2 - $1 }' >>"$folder/seconds"
-            error "$folder/a.exr" "../shared/references/$scene.exr" >>"$folder/before"
-            error "$folder/b.exr" "../shared/references/$scene.exr" >>"$folder/after"
+            error "$folder/a.exr" "../shared/references/${scene}_d4.exr" >>"$folder/before"
+            error "$folder/b.exr" "../shared/references/${scene}_d4.exr" >>"$folder/after"
             sed -n 's/^  "samples": *\([0-9]*\),*/\1/p' "$folder/stats.json" >>"$folder/samples"
         done
         echo "| $scene | \`$method\` | $(median <"$folder/samples") | $(median <"$folder/before") | $(median <"$folder/after") | $(median <"$folder/seconds") |"

@@ -150,7 +150,7 @@ pub fn replace(path: &Path, write: &dyn Fn(&Path) -> Result<(), String>) -> Resu
     name.push(format!(".{}.part", std::process::id()));
     let temporary = path.with_file_name(name);
     // The data is on the disk before the name is: a crash of the machine leaves the old file or the new one.
-    let sync = || std::fs::File::open(&temporary).and_then(|file| file.sync_all());
+    let sync = || std::fs::File::options().write(true).open(&temporary).and_then(|file| file.sync_all());
     let written = write(&temporary)
         .and_then(|()| sync().and_then(|()| std::fs::rename(&temporary, path)).map_err(|e| e.to_string()));
     written.map_err(|cause| {
