@@ -13,9 +13,6 @@ use wgpu::naga;
 /// Fields of which the host knows only place and size: name of the struct and of the field.
 const OPAQUE: &[(&str, &str)] = &[("LightVertex", "bsdf")];
 
-/// Flags of layers on top of materials.
-const LAYERS: [Flag; 4] = [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
-
 /// Structs of the library's shaders and of the tests' own.
 fn all() -> Vec<Described> {
     [layouts::all(), shaders::structs()].concat()
@@ -70,7 +67,7 @@ fn structs_agree_with_the_shaders() {
             // The pass links only with reuse.
             let own: &[Flag] = match described.1 {
                 "shared/light/light_reservoirs" => &[Flag::Choose, Flag::Reuse],
-                "subpaths/eye_paths" => &LAYERS,
+                "subpaths/eye_paths" => &Flag::LAYERS,
                 _ => &[],
             };
             parse(described.1, &[&flags, own].concat())
@@ -84,8 +81,7 @@ fn structs_agree_with_the_shaders() {
 /// Structs with conditional fields have the sizes that the host computes for them.
 #[test]
 fn sizes_follow_the_flags() {
-    let optional =
-        [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
+    let optional = [&[Flag::Glossy, Flag::Specular, Flag::Transmission][..], &Flag::LAYERS].concat();
     for on in 0..=optional.len() {
         let flags = [&[Flag::Rays, Flag::Bvh, Flag::Textures], &optional[..on]].concat();
         let module = parse("shared/paths/connect", &flags);

@@ -144,10 +144,10 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| !TRACERS.contains(f) && !LAYERS.contains(f))
+        .filter(|f| !TRACERS.contains(f) && !Flag::LAYERS.contains(f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
-    let layers: Vec<_> = LAYERS.iter().copied().filter(|layer| all.contains(layer)).collect();
+    let layers: Vec<_> = Flag::LAYERS.iter().copied().filter(|layer| all.contains(layer)).collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
     let few = |bits: &u32| {
         let on = bits.count_ones();
@@ -185,9 +185,6 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
 
 /// Most flags of a set that each layer is added to alone, unless all sets are tested.
 const FEW_BESIDE_A_LAYER: usize = 4;
-
-/// Flags of layers on top of materials, and of stretched lobes.
-const LAYERS: [Flag; 4] = [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat];
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

@@ -10,6 +10,9 @@ macro_rules! flags {
             /// All flags.
             pub const ALL: &[Self] = &[$(Self::$flag,)*];
 
+            /// Flags of layers on top of materials, and of stretched lobes.
+            pub const LAYERS: [Self; 4] = [Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
+
             /// Returns the name in shaders.
             #[must_use]
             pub fn name(self) -> &'static str {

@@ -546,10 +546,7 @@ impl Shading {
     pub fn bytes(flags: &[Flag]) -> u64 {
         let glossy = flags.contains(&Flag::Glossy);
         let bytes = if glossy { size_of::<Self>() } else { std::mem::offset_of!(Self, specular) };
-        let parts = [Flag::Transmission, Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat]
-            .iter()
-            .filter(|flag| flags.contains(flag))
-            .count();
+        let parts = Flag::LAYERS.iter().chain(&[Flag::Transmission]).filter(|flag| flags.contains(flag)).count();
         (bytes + 16 * parts) as u64
     }
 }

@@ -18,6 +18,7 @@ pub mod planned_pass;
 pub mod recording;
 pub mod renderer;
 pub mod sampler;
+mod scene_flags;
 pub mod shared;
 pub mod state;
 pub mod subpaths;

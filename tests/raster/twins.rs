@@ -74,6 +74,12 @@ fn compare(what: &str, tolerance: f32, pairs: &[(Vec3, Vec3, String)]) {
     assert!(wrong.is_empty(), "{what}: {} of {} differ\n{}", wrong.len(), pairs.len(), text.join("\n"));
 }
 
+/// Fails if at most a quarter of the pairs disagree, the shader being linked without the feature.
+fn assert_noticed(what: &str, tolerance: f32, without: &[(Vec3, Vec3, String)]) {
+    let off = without.iter().filter(|(a, b, _)| !agree(*a, *b, tolerance)).count();
+    assert!(off * 4 > without.len(), "{what} do nothing: {off}");
+}
+
 /// Returns a scene with a triangle for each material, with bent normals, tangents, two sets of coordinates
 /// and colours.
 fn scene_of(materials: Vec<Material>, colors: bool, random: &mut Random) -> Scene {
@@ -284,15 +290,11 @@ fn coats() {
         let [values, ..] = surfaces(gpu, &scene, &flags, 1e-2, &mut random);
         compare(&format!("coats, width {low} to {high}"), PLASTIC, &values);
         let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy], 1e-2, &mut random);
-        let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, PLASTIC)).count();
-        assert!(off * 4 > bare.len(), "coats do nothing: {off}");
+        assert_noticed("coats", PLASTIC, &bare);
     }
 
-    let mut textures = Scene::default();
-    add_textures(&mut textures, &mut random);
-    let linear: Vec<usize> =
-        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
-    let any = |random: &mut Random| reference_to(linear[random.below(linear.len() as u64)], random);
+    let (textures, linear) = linear_textures(&mut random);
+    let any = |random: &mut Random| one_of(&linear, random);
     let materials = (0..200)
         .map(|i| {
             let mut scalar = |factor: f32| Scalar { factor, texture: Some((any(&mut random), i % 4)) };
@@ -330,8 +332,7 @@ fn sheens() {
     let [values, ..] = surfaces(gpu, &scene, &flags, 2e-2, &mut random);
     compare("sheens", QUADRATURE, &values);
     let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy, Flag::Coat], 2e-2, &mut random);
-    let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, QUADRATURE)).count();
-    assert!(off * 4 > bare.len(), "sheens do nothing: {off}");
+    assert_noticed("sheens", QUADRATURE, &bare);
 }
 
 /// Interference depends on cosines of large phases, so that the tolerance is wider.
@@ -340,16 +341,13 @@ fn films() {
     let Some(gpu) = common::gpu() else { return };
     const PHASE: f32 = 5e-3;
     let mut random = Random(16);
-    let mut textures = Scene::default();
-    add_textures(&mut textures, &mut random);
-    let linear: Vec<usize> =
-        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let (textures, linear) = linear_textures(&mut random);
     for textured in [false, true] {
         let materials = (0..300)
             .map(|_| {
                 let thickness = [random.between(0.0, 500.0), random.between(0.0, 1000.0)];
                 let strength = [0.0, 1.0, random.unit()][random.below(3)];
-                let texture = reference_to(linear[random.below(linear.len() as u64)], &mut random);
+                let texture = one_of(&linear, &mut random);
                 let film = Film {
                     strength: Scalar { factor: strength, texture: textured.then_some((texture, 0)) },
                     ior: random.between(1.0, 2.0),
@@ -371,8 +369,7 @@ fn films() {
         } else {
             compare("films", PHASE, &values);
             let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy], 1e-2, &mut random);
-            let off = bare.iter().filter(|(a, b, _)| !agree(*a, *b, PHASE)).count();
-            assert!(off * 4 > bare.len(), "films do nothing: {off}");
+            assert_noticed("films", PHASE, &bare);
         }
     }
 }
@@ -400,17 +397,13 @@ fn stretched_lobes() {
         compare("stretched lobes", PLASTIC, &values);
         let round = [Flag::Glossy, Flag::Coat, Flag::Textures];
         let [round, ..] = surfaces(gpu, &scene, &round, 1e-2, &mut random);
-        let off = round.iter().filter(|(a, b, _)| !agree(*a, *b, PLASTIC)).count();
-        assert!(off * 4 > round.len(), "the stretch does nothing: {off}");
+        assert_noticed("stretched lobes", PLASTIC, &round);
     }
 
-    let mut textures = Scene::default();
-    add_textures(&mut textures, &mut random);
-    let linear: Vec<usize> =
-        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let (textures, linear) = linear_textures(&mut random);
     let materials = (0..200)
         .map(|i| {
-            let texture = Some(reference_to(linear[random.below(linear.len() as u64)], &mut random));
+            let texture = Some(one_of(&linear, &mut random));
             let anisotropy = Some(Anisotropy { strength: 0.9, rotation: random.between(-4.0, 4.0), texture });
             Material { anisotropy, ..material(1 + i % 3, 0.5, &mut random) }
         })
@@ -448,6 +441,19 @@ fn add_textures(scene: &mut Scene, random: &mut Random) {
             srgb: bits / 18 == 1,
         });
     }
+}
+
+/// Returns textures of all kinds in a scene of their own, and the linear ones among them.
+fn linear_textures(random: &mut Random) -> (Scene, Vec<usize>) {
+    let mut scene = Scene::default();
+    add_textures(&mut scene, random);
+    let linear = (0..scene.textures.len()).filter(|&t| scene.textures[t].filter == Filter::Linear).collect();
+    (scene, linear)
+}
+
+/// Returns a reference to one of the textures.
+fn one_of(textures: &[usize], random: &mut Random) -> TextureRef {
+    reference_to(textures[random.below(textures.len() as u64)], random)
 }
 
 fn reference_to(texture: usize, random: &mut Random) -> TextureRef {
@@ -515,11 +521,8 @@ fn textures() {
 fn textured_surfaces() {
     let Some(gpu) = common::gpu() else { return };
     let mut random = Random(4);
-    let mut textures = Scene::default();
-    add_textures(&mut textures, &mut random);
-    let linear: Vec<usize> =
-        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
-    let any = |random: &mut Random| reference_to(linear[random.below(linear.len() as u64)], random);
+    let (textures, linear) = linear_textures(&mut random);
+    let any = |random: &mut Random| one_of(&linear, random);
     let materials = (0..200)
         .map(|i| {
             let mut m = material(i % 4, 0.5, &mut random);
@@ -567,10 +570,7 @@ fn textured_surfaces() {
 fn normal_maps_without_tangents() {
     let Some(gpu) = common::gpu() else { return };
     let mut random = Random(5);
-    let mut textures = Scene::default();
-    add_textures(&mut textures, &mut random);
-    let linear: Vec<usize> =
-        (0..textures.textures.len()).filter(|&t| textures.textures[t].filter == Filter::Linear).collect();
+    let (textures, linear) = linear_textures(&mut random);
     let materials = (0..40)
         .map(|_| {
             let texture = TextureRef::new(linear[random.below(linear.len() as u64)]);

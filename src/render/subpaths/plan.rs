@@ -8,6 +8,7 @@ use crate::gpu::{Capabilities, Flag, flag_names};
 use crate::render::adaptive_sampling;
 use crate::render::layouts::{FirstHit, PathVertex, Reservoir};
 use crate::render::planned_pass::PlannedPass;
+use crate::render::scene_flags::{chosen, light_flags, surface_flags};
 use crate::render::visibility::tracer::Tracing;
 use crate::scene::{Light, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, Settings, UNLIMITED};
@@ -79,28 +80,15 @@ fn light_sampling(scene: &Scene, stats: &SceneStats, settings: &Settings) -> Lig
 /// Returns the flags of the shaders.
 fn flags(scene: &Scene, stats: &SceneStats, settings: &Settings, light_sampling: LightSampling) -> Vec<Flag> {
     let glossy = stats.glossy_triangles > 0;
-    let flags = [
-        (Flag::Textures, stats.texels > 0 || stats.anisotropic),
-        (Flag::VertexColors, stats.vertex_colors),
-        (Flag::Glossy, glossy),
+    let own = chosen([
         (Flag::Specular, glossy),
         (Flag::Transmission, glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
-        (Flag::Film, stats.films),
-        (Flag::Anisotropy, stats.anisotropic),
-        (Flag::Sheen, stats.sheens),
-        (Flag::Coat, stats.coats),
-        (Flag::Masks, stats.masked_triangles > 0),
-        (Flag::Punctual, stats.lights > 0),
-        (Flag::Patterns, stats.patterns),
-        (Flag::Emission, stats.emissive_triangles > 0),
-        (Flag::Environment, stats.environment),
-        (Flag::EnvironmentMap, stats.environment_map),
         (Flag::LightPaths, settings.method() == Method::Bdpt),
         (Flag::LightTree, light_sampling.has_tree()),
         (Flag::Reservoirs, light_sampling.resamples()),
         (Flag::Adaptive, settings.is_adaptive()),
-    ];
-    flags.iter().filter(|(_, on)| *on).map(|(flag, _)| *flag).collect()
+    ]);
+    [surface_flags(stats), light_flags(stats), own].concat()
 }
 
 /// Returns the rows of the passes; `runs` is the number of pixel groups.

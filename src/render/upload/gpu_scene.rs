@@ -92,8 +92,7 @@ impl GpuScene {
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
-        let has_layers =
-            [Flag::Film, Flag::Anisotropy, Flag::Sheen, Flag::Coat].iter().any(|flag| flags.contains(flag));
+        let has_layers = Flag::LAYERS.iter().any(|flag| flags.contains(flag));
         let layers = has_layers.then(|| gpu.upload("layers", &layers));
         let sheen_albedos = flags.contains(&Flag::Sheen).then(|| gpu.upload("sheen_albedos", &sheen::albedos()));
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");

@@ -18,6 +18,9 @@ const MAGIC: [u8; 12] = *b"\xabKTX 20\xbb\r\n\x1a\n";
 /// The cause of an error in a file that is shorter than it says.
 const TRUNCATED: &str = "the KTX2 file is truncated: save it again";
 
+/// The cause of an error in a file whose first level is shorter than its size demands.
+const TOO_LITTLE: &str = "the KTX2 file has too little data for its pixels";
+
 /// Returns true for the bytes of a KTX2 file.
 pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
     bytes.starts_with(&MAGIC)
@@ -38,7 +41,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         Format::Rgba => RgbaImage::from_raw(width, height, file.decode_plain(4 * pixels)?).map(DynamicImage::from),
         Format::Rgb => RgbImage::from_raw(width, height, file.decode_plain(3 * pixels)?).map(DynamicImage::from),
     };
-    decoded.ok_or_else(|| "the KTX2 file has too little data for its pixels".to_owned())
+    decoded.ok_or_else(|| TOO_LITTLE.to_owned())
 }
 
 /// A supported format of texels.
@@ -133,7 +136,7 @@ impl<'a> File<'a> {
             other => return Err(format!("the supercompression {other} of the KTX2 file is not supported")),
         };
         let data = usize::try_from(length).ok().and_then(|length| data.get(..length));
-        data.map(<[u8]>::to_vec).ok_or_else(|| "the KTX2 file has too little data for its pixels".to_owned())
+        data.map(<[u8]>::to_vec).ok_or_else(|| TOO_LITTLE.to_owned())
     }
 }
 

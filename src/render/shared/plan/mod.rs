@@ -17,6 +17,7 @@ use crate::gpu::{Capabilities, Flag};
 use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::Grid;
 use crate::render::planned_pass::PlannedPass;
+use crate::render::scene_flags::{chosen, light_flags, surface_flags};
 use crate::render::shared::plan::cost::Cost;
 use crate::render::shared::plan::ray_views::RayViews;
 use crate::render::shared::plan::strategies::{Connection, Extension, StrategySet};
@@ -188,7 +189,7 @@ impl FramePlan {
         let lights = stats.lights + usize::from(stats.environment);
         let mut plan = Self {
             passes: Vec::new(),
-            surface_flags: surface_flags(stats, own_directions, caustics),
+            surface_flags: vertex_flags(stats, own_directions, caustics),
             light_flags: light_flags(stats),
             light_vertices,
             light_candidates,
@@ -397,34 +398,13 @@ fn resolutions(stats: &SceneStats, settings: &Settings, fast: bool, many_maps: b
 }
 
 /// Returns the flags of shaders that read surfaces or eye vertices.
-fn surface_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec<Flag> {
-    chosen([
-        (Flag::Textures, stats.texels > 0 || stats.anisotropic),
-        (Flag::VertexColors, stats.vertex_colors),
-        (Flag::Glossy, stats.glossy_triangles > 0),
-        (Flag::Masks, stats.masked_triangles > 0),
+fn vertex_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec<Flag> {
+    let own = chosen([
         (Flag::Specular, own_directions),
         (Flag::Transmission, own_directions && stats.transmits),
-        (Flag::Film, stats.films),
-        (Flag::Anisotropy, stats.anisotropic),
-        (Flag::Sheen, stats.sheens),
-        (Flag::Coat, stats.coats),
         (Flag::Caustics, caustics),
-    ])
-}
-
-/// Returns the flags of shaders that sample or hit lights.
-fn light_flags(stats: &SceneStats) -> Vec<Flag> {
-    chosen([
-        (Flag::Punctual, stats.lights > 0),
-        (Flag::Patterns, stats.patterns),
-        (Flag::Emission, stats.emissive_triangles > 0),
-        (Flag::Environment, stats.environment),
-        (Flag::EnvironmentMap, stats.environment_map),
-    ])
-}
-
-/// Returns the flags that are on.
-fn chosen<const N: usize>(flags: [(Flag, bool); N]) -> Vec<Flag> {
-    flags.into_iter().filter(|(_, on)| *on).map(|(flag, _)| flag).collect()
+    ]);
+    let mut flags = [surface_flags(stats), own].concat();
+    flags.sort();
+    flags
 }

@@ -16,11 +16,19 @@ pub(super) trait Extension: DeserializeOwned {
     const NAME: &str;
 }
 
-/// Returns an extension of a material, if it has it.
-pub(super) fn of<E: Extension>(file: &File, place: &str, material: &Material) -> Result<Option<E>, LoadError> {
+/// Returns an extension of a material and its place in the file, if the material has it.
+pub(super) fn of<E: Extension>(
+    file: &File,
+    place: &str,
+    material: &Material,
+) -> Result<Option<(String, E)>, LoadError> {
     let value = material.extensions.as_ref().and_then(|extensions| extensions.others.get(E::NAME));
-    let parse = |value: &serde_json::Value| E::deserialize(value);
-    value.map(parse).transpose().map_err(|cause| file.error(format!("{place}.{}", E::NAME), cause.to_string()))
+    let Some(value) = value else { return Ok(None) };
+    let place = format!("{place}.{}", E::NAME);
+    match E::deserialize(value) {
+        Ok(extension) => Ok(Some((place, extension))),
+        Err(cause) => Err(file.error(place, cause.to_string())),
+    }
 }
 
 fn one() -> f32 {

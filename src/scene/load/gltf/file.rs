@@ -4,7 +4,6 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::mesh::Semantic;
 use ::gltf::json::validation::{Checked, Validate as _};
 use ::gltf::json::{self, Index, root::Get};
@@ -13,6 +12,7 @@ use serde::Deserialize;
 
 use super::animation::Parsed;
 use super::compression::Compression;
+use super::extensions::NormalTexture;
 use super::instances::Instancing;
 use super::lights::Profiles;
 use crate::scene::LoadError;
@@ -23,8 +23,8 @@ pub(super) struct File {
     pub path: PathBuf,
     /// The JSON, syntactically valid and otherwise unchecked.
     pub root: json::Root,
-    /// Texture transforms of normal maps by material, which the parser's own types omit.
-    pub normal_transforms: HashMap<usize, TextureTransform>,
+    /// Normal maps by material, with the texture transforms that the parser's own types omit.
+    pub normal_maps: HashMap<usize, NormalTexture>,
     /// Light profiles, which the parser's own types omit too.
     pub profiles: Profiles,
     /// Instances of nodes, which the parser's own types omit too.
@@ -57,7 +57,7 @@ impl File {
             LoadError::at(path, format!("line {} column {}", e.line(), e.column()), format!("not valid glTF: {cause}"))
         };
         let mut root = parse(text).map_err(invalid)?;
-        let normal_transforms = parse_normal_transforms(text).map_err(invalid)?;
+        let normal_maps = parse_normal_maps(text).map_err(invalid)?;
         let profiles = Profiles::parse(text).map_err(invalid)?;
         let instancing = Instancing::parse(text).map_err(invalid)?;
         let animations = serde_json::from_slice(text).map_err(invalid)?;
@@ -73,7 +73,7 @@ impl File {
         Ok(Self {
             path: path.to_owned(),
             root,
-            normal_transforms,
+            normal_maps,
             profiles,
             instancing,
             animations,
@@ -271,10 +271,9 @@ fn share_images(root: &mut json::Root) {
     }
 }
 
-/// Reads the texture transforms of normal maps.
-fn parse_normal_transforms(text: &[u8]) -> Result<HashMap<usize, TextureTransform>, serde_json::Error> {
+/// Reads the normal maps of materials.
+fn parse_normal_maps(text: &[u8]) -> Result<HashMap<usize, NormalTexture>, serde_json::Error> {
     #[derive(Deserialize)]
-    #[serde(rename_all = "camelCase")]
     struct Root {
         #[serde(default)]
         materials: Vec<Material>,
@@ -284,18 +283,9 @@ fn parse_normal_transforms(text: &[u8]) -> Result<HashMap<usize, TextureTransfor
     struct Material {
         normal_texture: Option<NormalTexture>,
     }
-    #[derive(Deserialize)]
-    struct NormalTexture {
-        extensions: Option<Extensions>,
-    }
-    #[derive(Deserialize)]
-    struct Extensions {
-        #[serde(rename = "KHR_texture_transform")]
-        transform: Option<TextureTransform>,
-    }
     let root: Root = serde_json::from_slice(text)?;
-    let transforms = root.materials.into_iter().map(|m| m.normal_texture?.extensions?.transform);
-    Ok(transforms.enumerate().filter_map(|(i, t)| Some((i, t?))).collect())
+    let maps = root.materials.into_iter().map(|m| m.normal_texture);
+    Ok(maps.enumerate().filter_map(|(i, map)| Some((i, map?))).collect())
 }
 
 /// JSON and binary chunk of a GLB.

@@ -11,7 +11,7 @@ use ::gltf::json::{self, Index};
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::extensions::{self, Clearcoat, Extension as _, NormalTexture};
+use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
     Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Film, Filter, Image, LoadError, Material, NormalMap, Opacity,
@@ -82,7 +82,7 @@ impl Materials {
             transmits = factor > 0.0;
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
-        let normal_map = self.normal_map(file, scene, index, material)?;
+        let normal_map = self.normal_map(file, scene, &at("normalTexture"), file.normal_maps.get(&index))?;
         let film = self.film(file, scene, &place, material)?;
         let anisotropy = self.anisotropy(file, scene, &place, material)?;
         let sheen = self.sheen(file, scene, &place, material)?;
@@ -203,22 +203,6 @@ impl Materials {
         Ok(Base { bsdf, base_color, alpha: Scalar { factor: factor.w, texture: base_color.texture.map(|t| (t, 3)) } })
     }
 
-    /// Converts a material's normal map, if it has one.
-    fn normal_map(
-        &mut self,
-        file: &File,
-        scene: &mut Scene,
-        index: usize,
-        material: &JsonMaterial,
-    ) -> Result<Option<NormalMap>, LoadError> {
-        let Some(map) = &material.normal_texture else { return Ok(None) };
-        // The parser omits the texture transform of normal textures, so it is read from the JSON itself.
-        let transform = file.normal_transforms.get(&index);
-        let place = format!("materials[{index}].normalTexture");
-        let texture = self.texture(file, scene, map.index, map.tex_coord, transform, &place, false)?;
-        Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
-    }
-
     /// Converts KHR_materials_iridescence.
     fn film(
         &mut self,
@@ -227,8 +211,9 @@ impl Materials {
         place: &str,
         material: &JsonMaterial,
     ) -> Result<Option<Film>, LoadError> {
-        let Some(json) = extensions::of::<extensions::Iridescence>(file, place, material)? else { return Ok(None) };
-        let place = format!("{place}.{}", extensions::Iridescence::NAME);
+        let Some((place, json)) = extensions::of::<extensions::Iridescence>(file, place, material)? else {
+            return Ok(None);
+        };
         if let Some(value) = [json.least, json.most].into_iter().find(|value| !(0.0..1e6).contains(value)) {
             return Err(file.error(place, format!("a thickness of {value} nm is out of range")));
         }
@@ -250,8 +235,9 @@ impl Materials {
         place: &str,
         material: &JsonMaterial,
     ) -> Result<Option<Anisotropy>, LoadError> {
-        let Some(json) = extensions::of::<extensions::Anisotropy>(file, place, material)? else { return Ok(None) };
-        let place = format!("{place}.{}", extensions::Anisotropy::NAME);
+        let Some((place, json)) = extensions::of::<extensions::Anisotropy>(file, place, material)? else {
+            return Ok(None);
+        };
         check_units(file, scene, &format!("{place}.anisotropyStrength"), [json.strength])?;
         if !json.rotation.is_finite() {
             return Err(file.error(place, format!("an anisotropyRotation of {} is not a number", json.rotation)));
@@ -269,8 +255,9 @@ impl Materials {
         place: &str,
         material: &JsonMaterial,
     ) -> Result<Option<Sheen>, LoadError> {
-        let Some(json) = extensions::of::<extensions::Sheen>(file, place, material)? else { return Ok(None) };
-        let place = format!("{place}.{}", extensions::Sheen::NAME);
+        let Some((place, json)) = extensions::of::<extensions::Sheen>(file, place, material)? else {
+            return Ok(None);
+        };
         check_units(file, scene, &format!("{place}.sheenColorFactor"), json.color)?;
         let factor = Vec3::from(json.color).clamp(Vec3::ZERO, Vec3::ONE);
         let color = Color { factor, texture: self.plain_texture(file, scene, &place, &json.color_texture, true)? };
@@ -287,8 +274,9 @@ impl Materials {
         place: &str,
         material: &JsonMaterial,
     ) -> Result<Option<Coat>, LoadError> {
-        let Some(json) = extensions::of::<Clearcoat>(file, place, material)? else { return Ok(None) };
-        let place = format!("{place}.{}", Clearcoat::NAME);
+        let Some((place, json)) = extensions::of::<extensions::Clearcoat>(file, place, material)? else {
+            return Ok(None);
+        };
         let weight = self.scalar(file, scene, &place, ("clearcoatFactor", json.factor), &json.texture, 0)?;
         let roughness = (self.scalar(
             file,
@@ -298,7 +286,7 @@ impl Materials {
             &json.roughness_texture,
             1,
         ))?;
-        let normal_map = self.own_normal_map(file, scene, &place, &json.normal_texture)?;
+        let normal_map = self.normal_map(file, scene, &place, json.normal_texture.as_ref())?;
         Ok((weight.factor > 0.0).then_some(Coat { weight, roughness, normal_map }))
     }
 
@@ -331,13 +319,13 @@ impl Materials {
         self.texture(file, scene, info.index, info.tex_coord, transform, place, srgb)
     }
 
-    /// Converts the normal map of an extension.
-    fn own_normal_map(
+    /// Converts a normal map, if there is one.
+    fn normal_map(
         &mut self,
         file: &File,
         scene: &mut Scene,
         place: &str,
-        map: &Option<NormalTexture>,
+        map: Option<&NormalTexture>,
     ) -> Result<Option<NormalMap>, LoadError> {
         let Some(map) = map else { return Ok(None) };
         if !map.scale.is_finite() {
@@ -471,11 +459,12 @@ fn make_unlit(scene: &mut Scene, material: &mut Material, base_color: Color, has
         material.name,
         if has_colors { ", without its vertex colours" } else { "" }
     ));
-    material.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() };
-    material.emission = Some(Emission { radiance: base_color, two_sided: true });
-    (material.normal_map, material.film, material.anisotropy) = (None, None, None);
-    (material.sheen, material.coat) = (None, None);
-    material.sides = Sides::Two;
+    *material = Material {
+        emission: Some(Emission { radiance: base_color, two_sided: true }),
+        opacity: material.opacity.take(),
+        boundary: material.boundary,
+        ..Material::diffuse(std::mem::take(&mut material.name), Vec3::ZERO)
+    };
 }
 
 /// Converts the medium behind a surface; thickness textures are ignored with a warning.

@@ -57,16 +57,7 @@ fn value(attribute: &PointAttribute, vertex: usize) -> Option<&[u8]> {
 
 /// Appends a number in the accessor's type; returns `None` if it has no such number.
 fn convert(from: DataType, bytes: &[u8], to: ComponentType, out: &mut Vec<u8>) -> Option<()> {
-    let same = matches!(
-        (from, to),
-        (DataType::Float32, ComponentType::F32)
-            | (DataType::Int8, ComponentType::I8)
-            | (DataType::Uint8, ComponentType::U8)
-            | (DataType::Int16, ComponentType::I16)
-            | (DataType::Uint16, ComponentType::U16)
-            | (DataType::Uint32, ComponentType::U32)
-    );
-    if same {
+    if (from, to) == (DataType::Float32, ComponentType::F32) {
         out.extend(bytes);
         return Some(());
     }
