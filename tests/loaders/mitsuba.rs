@@ -615,6 +615,29 @@ fn masks_blend() {
     assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
 }
 
+/// A ray is stopped by a mask in a mask with the product of both opacities, also through `twosided`.
+#[test]
+fn masks_in_masks_multiply() {
+    let folder = folder();
+    picture(&folder);
+    let picture = r#"<texture name="opacity" type="bitmap"><string name="filename" value="picture.png"/></texture>"#;
+    let number = |value: &str| format!(r#"<float name="opacity" value="{value}"/>"#);
+    let nested = |outer: &str, inner: &str| {
+        let inner = format!(r#"<bsdf type="mask">{inner}<bsdf type="diffuse"/></bsdf>"#);
+        let both = format!(r#"<bsdf type="mask">{outer}<bsdf type="twosided">{inner}</bsdf></bsdf>"#);
+        let scene = scene_in(&folder, "3.0.0", &format!(r#"<shape type="rectangle">{both}</shape>"#));
+        assert_eq!(scene.materials[0].sides, Sides::Two);
+        let lost = scene.warnings.iter().filter(|w| w.contains("innermost")).count();
+        let Some(Opacity::Blended { value }) = scene.materials[0].opacity else { panic!("not blended") };
+        (value.factor, value.texture.is_some(), lost)
+    };
+    assert_eq!(nested(&number("0.5"), &number("0.5")), (0.25, false, 0));
+    assert_eq!(nested(&number("0.5"), &number("4")), (0.5, false, 0), "opacities are at most 1");
+    assert_eq!(nested(&number("0.5"), picture), (0.5, true, 0));
+    assert_eq!(nested(picture, &number("0.5")), (0.5, true, 0));
+    assert_eq!(nested(picture, picture), (1.0, true, 1));
+}
+
 /// Returns the world normal of a mesh's normal map at a texel, at the mesh's first vertex.
 fn mapped_normal(scene: &Scene, texel: usize) -> Vec3 {
     let geometry = Geometry::new(scene);

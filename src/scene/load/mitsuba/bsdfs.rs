@@ -139,14 +139,20 @@ impl<'a> Loader<'a> {
 
     fn mask(&mut self, plugin: &Plugin<'a>, surface: &mut Surface) -> Result<(), LoadError> {
         let value = self.opacity(plugin)?;
-        match surface.material.opacity {
-            None => surface.material.opacity = Some(Opacity::Blended { value }),
-            Some(Opacity::Blended { .. }) => {
-                self.warn(format!("{}: of masks in masks only the innermost counts", plugin.element.title()));
-            }
+        let value = match surface.material.opacity {
+            None => value,
+            Some(Opacity::Blended { value: inner }) => match product(inner, value) {
+                Some(product) => product,
+                None => {
+                    let title = plugin.element.title();
+                    self.warn(format!("{title}: of textured masks in each other only the innermost counts"));
+                    inner
+                }
+            },
             // Nothing of a `null` is there to be masked.
-            Some(Opacity::CutOut { .. }) => {}
-        }
+            Some(Opacity::CutOut { .. }) => return Ok(()),
+        };
+        surface.material.opacity = Some(Opacity::Blended { value });
         Ok(())
     }
 
@@ -427,6 +433,15 @@ fn slopes(heights: &textures::Heights) -> (Image, f32) {
         Image { name: format!("{}, slopes", heights.name), width: heights.width, height: heights.height, texels },
         steepest,
     )
+}
+
+/// Returns the product of two opacities, which are clamped to [0, 1] each; none if one texture cannot hold it.
+fn product(a: Scalar, b: Scalar) -> Option<Scalar> {
+    let (number, other) = if a.texture.is_none() { (a, b) } else { (b, a) };
+    if number.texture.is_some() || (other.texture.is_some() && other.factor > 1.0) {
+        return None;
+    }
+    Some(Scalar { factor: number.factor.clamp(0.0, 1.0) * other.factor.clamp(0.0, 1.0), ..other })
 }
 
 fn grey(value: f32) -> Color {
