@@ -448,6 +448,14 @@ impl Job<'_> {
         let non_finite_after = gpu.map_or(Ok(Vec::new()), |gpu| gpu.non_finite.counts(gpu))?;
         progress.bar.finish_and_clear();
         let render = progress.seconds();
+        if ended_by == Ending::Budget
+            && let Some(seconds) = progress.clock.as_ref().and_then(Clock::slow_start)
+        {
+            eprintln!(
+                "note: {seconds:.0} s of the budget went into the first sample; where a driver compiled shaders in it, which it \
+                 keeps, the same command gets further now"
+            );
+        }
         progress.close(ended_by)?;
         let all = progress.samples * u64::from(self.settings.width) * u64::from(self.settings.height);
         let RenderStats { samples, bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
@@ -855,7 +863,7 @@ impl<'a> ProgressiveRender<'a> {
         let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
         while self.samples < goal {
             let most = goal - self.samples;
-            let round = match &self.clock {
+            let round = match &mut self.clock {
                 Some(clock) => clock.next_round(self.samples, most.min(ROUND)),
                 None => Some(most),
             };
@@ -921,12 +929,20 @@ fn numbered(path: &Path, number: u32) -> PathBuf {
 struct Clock {
     began: Instant,
     budget: Duration,
+    /// Samples and time when the first round of this process was done. Drivers compile shaders in it, so that it
+    /// tells nothing about the rounds after it.
+    first: Option<(u64, Duration)>,
 }
 
 impl Clock {
     /// Begins a budget of which `used` seconds are used up.
     fn new(seconds: f64, used: f64) -> Self {
-        Self { began: Instant::now(), budget: Duration::from_secs_f64((seconds - used).max(0.0)) }
+        Self { began: Instant::now(), budget: Duration::from_secs_f64((seconds - used).max(0.0)), first: None }
+    }
+
+    /// Returns the seconds of the first round if they are more than half of the budget.
+    fn slow_start(&self) -> Option<f64> {
+        self.first.map(|(_, time)| time).filter(|time| *time > self.budget / 2).map(|time| time.as_secs_f64())
     }
 
     /// True if no time is left.
@@ -934,16 +950,21 @@ impl Clock {
         self.began.elapsed() >= self.budget
     }
 
-    /// Returns the number of samples that fit into the remaining time at the rate so far, at most `most`. The
-    /// first sample is always rendered. None if the time is used up.
-    fn next_round(&self, done: u64, most: u64) -> Option<u64> {
+    /// Returns the number of samples that fit into the remaining time at the rate since the first round, at most
+    /// `most`. The first sample is always rendered, and a second one if any time is left. None if the time is used
+    /// up.
+    fn next_round(&mut self, done: u64, most: u64) -> Option<u64> {
         let capacity = u64::from(*SAMPLES.end()).saturating_sub(done);
         if done == 0 {
             return Some(1);
         }
         let used = self.began.elapsed();
         let left = self.budget.saturating_sub(used).as_secs_f64();
-        let fit = (left * done as f64 / used.as_secs_f64().max(1e-9)) as u64;
+        let (first, time) = *self.first.get_or_insert((done, used));
+        let fit = match done - first {
+            0 => u64::from(left > 0.0),
+            rendered => (left * rendered as f64 / (used - time).as_secs_f64().max(1e-9)) as u64,
+        };
         Some(fit.min(most).min(capacity)).filter(|&round| round > 0)
     }
 }
@@ -956,13 +977,28 @@ mod tests {
 
     #[test]
     fn a_budget_deals_out_rounds_until_it_is_used() {
-        let clock = Clock::new(1000.0, 0.0);
+        let mut clock = Clock::new(1000.0, 0.0);
         assert_eq!(clock.next_round(0, 8), Some(1), "one sample at least");
+        assert_eq!(clock.next_round(1, 8), Some(1), "the first one tells nothing");
         assert_eq!(clock.next_round(100, 8), Some(8));
         assert_eq!(clock.next_round((*SAMPLES.end()).into(), 8), None, "no more than the range allows");
-        let used = Clock { began: Instant::now(), budget: Duration::ZERO };
+        assert_eq!(clock.slow_start(), None);
+        let mut used = Clock::new(0.0, 0.0);
         assert_eq!(used.next_round(0, 8), Some(1));
         assert_eq!(used.next_round(1, 8), None);
+    }
+
+    /// Compiling shaders takes most of a first round, and the rounds after it use what is left.
+    #[test]
+    fn a_slow_start_leaves_the_rest_of_the_budget() {
+        let ago = |seconds| Instant::now().checked_sub(Duration::from_secs(seconds)).unwrap();
+        let mut clock = Clock { began: ago(60), ..Clock::new(100.0, 0.0) };
+        assert_eq!(clock.next_round(1, 8), Some(1), "40 s are left");
+        assert!(clock.slow_start().is_some_and(|seconds| (60.0..70.0).contains(&seconds)));
+        clock.began = ago(61);
+        assert_eq!(clock.next_round(2, 8), Some(8), "at about one sample a second");
+        clock.began = ago(90);
+        assert_eq!(clock.next_round(2, 8), None, "at 30 s a sample");
     }
 
     /// A lost device is opened again as long as samples are gained, and four times without any.
