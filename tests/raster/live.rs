@@ -5,14 +5,16 @@ use crate::common;
 
 use common::scenes::{add, emitter, pinhole};
 use common::{gpu, gpu_with_ray_queries, raster};
-use glam::{Affine3A, Vec3};
+use glam::{Affine2, Affine3A, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::{Comparison, compare};
 use lightsheaf::render::renderer::Renderer as _;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::scene::model::shapes;
-use lightsheaf::scene::{Bsdf, Coat, Fresnel, Light, Material, Scene, builtin};
+use lightsheaf::scene::{
+    Bsdf, Coat, Color, Filter, Fresnel, Image, Light, Material, Scene, Texture, TextureRef, Wrap, builtin,
+};
 use lightsheaf::settings::Settings;
 
 fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
@@ -145,6 +147,22 @@ fn filtered_frames_under_a_smooth_coat_are_nearer_to_the_truth() {
     let coated = Material { coat: Some(coat), ..conductor(0.3) };
     let [filtered, alone] = filtered_and_not(gpu, &room_with_a_board(coated));
     assert!(alone.rel_mse > 2.0 * filtered.rel_mse && filtered.mean_bias.abs() < 0.02, "{alone:?} {filtered:?}");
+}
+
+/// Black texels tell nothing about the light that reaches them: the filter leaves them out around white ones.
+#[test]
+fn a_black_pattern_does_not_darken_the_white_around_it() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = room_with_a_board(Material::diffuse("board", Vec3::ONE));
+    let texels = (0..256).map(|i| if (i + i / 16) % 2 == 0 { [255; 4] } else { [0, 0, 0, 255] }).collect();
+    scene.images.push(Image { name: "checks".to_owned(), width: 16, height: 16, texels });
+    scene.textures.push(Texture { image: 0, wrap: [Wrap::Clamp; 2], filter: Filter::Nearest, srgb: false });
+    let checks = TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY };
+    let board = scene.materials.last_mut().unwrap();
+    board.bsdf = Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture: Some(checks) } };
+    let [filtered, alone] = filtered_and_not(gpu, &scene);
+    assert!((filtered.mean_bias - alone.mean_bias).abs() < 0.01, "{alone:?} {filtered:?}");
+    assert!(alone.rel_mse > 2.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
 }
 
 /// Returns the number of frames after a light is switched off until 95 % of the change is in the picture and
