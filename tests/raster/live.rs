@@ -162,6 +162,8 @@ fn a_black_pattern_does_not_darken_the_white_around_it() {
     board.bsdf = Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture: Some(checks) } };
     let [filtered, alone] = filtered_and_not(gpu, &scene);
     assert!((filtered.mean_bias - alone.mean_bias).abs() < 0.01, "{alone:?} {filtered:?}");
+    let remembered = against(&raster(gpu, &scene, &settings(4, 16, 8)).0, &truth(gpu, &scene));
+    assert!((remembered.mean_bias - alone.mean_bias).abs() < 0.02, "{alone:?} {remembered:?}");
     assert!(alone.rel_mse > 2.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
 }
 
