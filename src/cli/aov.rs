@@ -88,8 +88,8 @@ impl LayerArgs {
 
     /// Returns the picture with its layers.
     pub fn picture(&self, film: &Film, scene: &Scene, aovs: Option<&Aovs>) -> Result<Picture> {
-        let Some(aovs) = aovs else { return Ok(Picture { film: film.clone(), ..Picture::default() }) };
         let mut picture = Picture { film: film.clone(), ..Picture::default() };
+        let Some(aovs) = aovs else { return Ok(picture) };
         if self.denoise {
             let guides = Guides { albedo: &aovs.albedo, normal: &aovs.normal };
             picture.film = oidn::denoise(film, Some(guides), self.oidn.as_deref())?;
@@ -120,7 +120,7 @@ impl LayerArgs {
 }
 
 /// Returns three channels.
-fn three(names: [&str; 3], values: &[[f32; 3]]) -> [Channel; 3] {
+pub fn three(names: [&str; 3], values: &[[f32; 3]]) -> [Channel; 3] {
     [0, 1, 2].map(|c| Channel { name: names[c].to_owned(), values: values.iter().map(|value| value[c]).collect() })
 }
 

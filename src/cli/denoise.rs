@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use lightsheaf::film::exr::{Channel, Picture};
+use lightsheaf::film::exr::Picture;
 use lightsheaf::film::oidn::{self, Guides};
 
-use super::aov::NOISY;
+use super::aov::{NOISY, three};
 use super::output;
 
 #[derive(clap::Args)]
@@ -48,8 +48,7 @@ pub fn run(args: &DenoiseArgs) -> Result<()> {
     let guides = layers.as_ref().map(|(albedo, normal)| Guides { albedo, normal });
     let denoised = oidn::denoise(&picture.film, guides, args.oidn.as_deref())?;
     let original = std::mem::replace(&mut picture.film, denoised);
-    let layer = |c: usize| original.pixels.iter().map(|pixel| pixel[c]).collect();
-    picture.channels.extend((0..3).map(|c| Channel { name: NOISY[c].to_owned(), values: layer(c) }));
+    picture.channels.extend(three(NOISY, &original.pixels));
     if let Some(record) = &mut picture.record {
         record.command = format!("{}; {}", record.command, output::command_line());
     }

@@ -194,27 +194,13 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             settings.interleave.get_or_insert(1);
         }
         let load = began.elapsed().as_secs_f64();
-        let saved = RefCell::new(None);
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        return go_on_after_losses(&|| saved.borrow().as_ref().map_or(0, |saved: &Saved| saved.samples), &mut || {
+        let (grade, kept) = (&grade, &Kept::default());
+        return go_on_after_losses(&|| kept.saved.borrow().as_ref().map_or(0, |saved| saved.samples), &mut || {
             let began = Instant::now();
             let gpu = open(args)?;
-            let (grade, saved, scene_hash, aovs) = (&grade, &saved, OnceCell::new(), OnceCell::new());
-            let job = Job {
-                args,
-                interrupt,
-                grade,
-                load,
-                began,
-                scene,
-                settings,
-                animations,
-                frame: None,
-                all: 1,
-                saved,
-                scene_hash,
-                aovs,
-            };
+            let job =
+                Job { args, interrupt, grade, load, began, scene, settings, animations, frame: None, all: 1, kept };
             job.run(gpu.as_ref(), &mut None)
         });
     }
@@ -239,25 +225,8 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
             began = Instant::now();
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
-        // What is saved belongs to one frame.
-        let saved = RefCell::new(None);
-        let (grade, saved, frame) = (&grade, &saved, Some(frame));
-        let (scene_hash, aovs) = (OnceCell::new(), OnceCell::new());
-        let job = Job {
-            args,
-            interrupt,
-            grade,
-            load,
-            began,
-            scene,
-            settings,
-            animations,
-            frame,
-            all,
-            saved,
-            scene_hash,
-            aovs,
-        };
+        let (grade, kept, frame) = (&grade, &Kept::default(), Some(frame));
+        let job = Job { args, interrupt, grade, load, began, scene, settings, animations, frame, all, kept };
         job.run(gpu.as_ref(), &mut renderer)?;
     }
     Ok(())
@@ -375,8 +344,14 @@ struct Job<'a> {
     frame: Option<Frame>,
     /// Number of frames.
     all: usize,
-    /// The render as it was last saved, from which it goes on if the device is lost.
-    saved: &'a RefCell<Option<Saved>>,
+    kept: &'a Kept,
+}
+
+/// What a picture has made that outlives a lost device.
+#[derive(Default)]
+struct Kept {
+    /// The render as it was last saved, from which it goes on.
+    saved: RefCell<Option<Saved>>,
     scene_hash: OnceCell<String>,
     aovs: OnceCell<Option<Aovs>>,
 }
@@ -592,8 +567,12 @@ impl Job<'_> {
         let (exposure, tonemap) = self.args.grade.chosen();
         let picture = self.picture(film)?;
         let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
-        let record = self.record(stats.plan.as_ref(), stats.samples, stats.seconds.render, stats.device.clone());
-        let picture = Picture { record: Some(record), ..picture };
+        // Hashing a large scene takes seconds, and only an .exr holds the record.
+        let record = paths
+            .iter()
+            .any(|path| is_exr(path))
+            .then(|| self.record(stats.plan.as_ref(), stats.samples, stats.seconds.render, stats.device.clone()));
+        let picture = Picture { record, ..picture };
         for path in &paths {
             save(path, &picture, grade)?;
         }
@@ -647,12 +626,12 @@ impl Job<'_> {
 
     /// Returns the hash of the scene.
     fn scene_hash(&self) -> &str {
-        self.scene_hash.get_or_init(|| fingerprint::scene_hash(self.scene))
+        self.kept.scene_hash.get_or_init(|| fingerprint::scene_hash(self.scene))
     }
 
     /// Returns the picture with its layers.
     fn picture(&self, film: &Film) -> Result<Picture> {
-        let aovs = self.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.settings));
+        let aovs = self.kept.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.settings));
         self.args.layers.picture(film, self.scene, aovs.as_ref())
     }
 
@@ -681,7 +660,7 @@ impl Job<'_> {
 
     /// Returns what `--resume` goes on with, or what was saved before the device was lost.
     fn saved_before(&self, keeper: &Keeper) -> Result<Option<Saved>> {
-        if let Some(saved) = self.saved.borrow().clone() {
+        if let Some(saved) = self.kept.saved.borrow().clone() {
             return Ok(Some(saved));
         }
         let Some(path) = &self.args.resume else { return Ok(None) };
@@ -839,17 +818,14 @@ impl<'a> ProgressiveRender<'a> {
                 eprintln!("warning: no checkpoint was written: {error:#}");
             }
         }
-        *self.job.saved.borrow_mut() = Some(saved);
+        *self.job.kept.saved.borrow_mut() = Some(saved);
         self.keeper.kept = Instant::now();
         Ok(())
     }
 
     /// Writes the last checkpoint of an interrupted render.
     fn close(&mut self, ended_by: Ending) -> Result<()> {
-        if self.job.args.checkpoint.is_none() {
-            return Ok(());
-        }
-        if ended_by == Ending::Interrupt {
+        if ended_by == Ending::Interrupt && self.job.args.checkpoint.is_some() {
             self.save()?;
         }
         Ok(())
