@@ -97,6 +97,7 @@ fn without_light_only_the_camera_looks() {
         ("deform", 0),
         ("tessellate", 0),
         ("light_importance", 0),
+        ("sky_guide", 0),
         ("light_point", 0),
         ("view_setup", 0),
         ("view_lists", 0),
@@ -365,6 +366,28 @@ fn few_lights_have_a_point_each() {
             && !of(sized_local_lights(2, 1)).clear_light
             && !plan(&sized_local_lights(2, 2), &power).clear_light
     );
+}
+
+/// Inside a scene light of the sky is guided, whatever traces the rays; lists and depth maps have no guide.
+#[test]
+fn the_sky_of_a_room() {
+    let stats = SceneStats { environment: true, infinite_lights: true, camera_inside: true, ..dark() };
+    let of = |stats: &SceneStats, settings: &Settings| {
+        let plan = plan(stats, settings);
+        (plan.guides_sky, runs(&plan, "sky_guide"), plan.light_points(), plan.ray_views.lights)
+    };
+    let technique = |technique| Settings { technique, ..bounces(2) };
+    let from = |visibility_from| Settings { visibility_from, ..bounces(2) };
+    for settings in [bounces(2), technique(Technique::TWIN), from(VisibilityFrom::Grid)] {
+        assert_eq!(of(&stats, &settings), (true, 1, 4, true));
+        let inside = plan(&stats, &settings);
+        let direct = inside.connections.iter().filter(|c| c.is_direct()).map(|c| c.samples[1]);
+        assert!(direct.eq([4]) && inside.extensions[0].samples[1] == 4 && inside.extensions[1].samples[1] == 1);
+    }
+    assert_eq!(of(&stats, &technique(Technique::FAST)), (false, 0, 1, false));
+    assert_eq!(of(&stats, &from(VisibilityFrom::Lists)), (false, 0, 1, false));
+    let outside = SceneStats { camera_inside: false, ..stats.clone() };
+    assert_eq!(of(&outside, &from(VisibilityFrom::Grid)), (false, 0, 1, true));
 }
 
 #[test]

@@ -128,6 +128,9 @@ const FEW_OFF: u32 = 2;
 /// Passes with code for caustics where mirrors are not followed.
 const HAS_CAUSTICS: [&str; 2] = ["shared/camera/eye_vertices", "shared/film/accumulate"];
 
+/// Passes that follow the guide of the sky.
+const HAS_GUIDE: [&str; 5] = ["shared/light/light_point", "shared/light/light_subpath", CONNECT, EXTEND, "sky_draws"];
+
 /// Passes that query views around light vertices, which may be infinite.
 const QUERIES_LIGHTS: [&str; 4] = [CONNECT, LIGHT_CANDIDATES, LIGHT_RESERVOIRS, "queries"];
 
@@ -144,6 +147,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
+        .filter(|f| *f != Flag::SkyGuide)
         .filter(|f| !TRACERS.contains(f) && !Flag::LAYERS.contains(f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
@@ -178,6 +182,15 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
             std::iter::once(set).chain(all).chain(one)
         })
+        .flat_map(|set| {
+            // Rays test what the sky lights where it has a guide.
+            let rays = set.contains(&Flag::Rays) || ["shared/light/light_point", "sky_draws"].contains(&pass);
+            let from_sky = if pass == CONNECT { set.contains(&Flag::Light) } else { set.contains(&Flag::Environment) };
+            let few = every || set.len() <= FEW_BESIDE_A_LAYER;
+            let guided = HAS_GUIDE.contains(&pass) && rays && from_sky && few;
+            let guided = guided.then(|| [&set, &[Flag::SkyGuide][..]].concat());
+            std::iter::once(set).chain(guided)
+        })
         // Vertices have tangents with textures.
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
         .collect()
@@ -209,7 +222,7 @@ fn queries_rays(pass: &str, set: &[Flag]) -> bool {
 
 /// True if a pass traces rays.
 fn traces_rays(pass: &str, set: &[Flag]) -> bool {
-    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS].contains(&pass)
+    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS, "shared/light/sky_guide"].contains(&pass)
         || set.contains(&Flag::Rays)
 }
 

@@ -78,6 +78,8 @@ flags! {
 
     /// A reflective shadow map proposes directions from y0.
     Rsm = "RSM",
+    /// Light subpaths from the sky follow what the view has found.
+    SkyGuide = "SKY_GUIDE",
     /// The light vertex is y0.
     Light = "LIGHT",
     /// The pass samples y1 from y0.

@@ -386,6 +386,12 @@ layouts! {
         pad: u32,
     }
 
+    /// A share of the light that a path from the view found.
+    struct Found in "shared/light/sky_guide" {
+        texel: u32,
+        value: f32,
+    }
+
     /// A point on a light, at which a light subpath starts.
     struct LightPoint in "shared/light/light_point" {
         position: [f32; 3],
@@ -655,6 +661,18 @@ constants! {
     /// Cells along a side of the table of the reflective shadow map.
     mod rsm_size in "lib/lights/rsm" {
         RSM_SIDE = 32,
+    }
+
+    /// Cells of directions and of places of the sky's guide, along a side.
+    mod guide_size in "lib/lights/sky_guide" {
+        GUIDE_DIRECTIONS = 32,
+        GUIDE_PLACES = 16,
+    }
+
+    /// Texels over which a path spreads a line that it found, and the bit of those whose direction alone counts.
+    mod found_lines in "shared/light/sky_guide" {
+        SPREAD = 8,
+        OF_DIRECTION = 1 << 31,
     }
 
     /// Cells of the table of bundle directions.

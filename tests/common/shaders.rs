@@ -23,11 +23,14 @@ pub const PATH_WEIGHTS: Source<'static> = module!("path_weights");
 pub const QUERIES: Source<'static> = module!("queries");
 /// Visibility queries to the acceleration structure.
 pub const RAY_QUERIES: Source<'static> = module!("ray_queries");
+/// Directions and lines by the sky's guide, and their densities.
+pub const SKY_DRAWS: Source<'static> = module!("sky_draws");
 /// Surfaces, textures, environments and lights at given points.
 pub const TWINS: Source<'static> = module!("twins");
 
 /// All of them, sorted by name.
-pub const ALL: [Source<'static>; 7] = [DRAWS, LIGHT_DRAWS, MIS_SUMS, PATH_WEIGHTS, QUERIES, RAY_QUERIES, TWINS];
+pub const ALL: [Source<'static>; 8] =
+    [DRAWS, LIGHT_DRAWS, MIS_SUMS, PATH_WEIGHTS, QUERIES, RAY_QUERIES, SKY_DRAWS, TWINS];
 
 /// Returns the tests' module of that name, if there is one.
 pub fn find(name: &str) -> Option<Source<'static>> {
@@ -96,6 +99,14 @@ structs! {
 
     /// A ray from a light, drawn or given.
     struct LightDraw in "light_draws" {
+        w: [f32; 3],
+        pdf: f32,
+        offset: [f32; 3],
+        asked: u32,
+    }
+
+    /// A direction to the sky or a line along it, drawn or given.
+    struct SkyDraw in "sky_draws" {
         w: [f32; 3],
         pdf: f32,
         offset: [f32; 3],

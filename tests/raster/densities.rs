@@ -6,14 +6,17 @@ use std::f32::consts::{PI, TAU};
 
 use common::gpu;
 use common::harness::run;
-use common::shaders::{self, LightDraw, PathWeights};
+use common::shaders::{self, LightDraw, PathWeights, SkyDraw};
 use common::statistics::{chi_square_tail, p_value};
 use glam::{Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Flag, Gpu, rows};
+use lightsheaf::render::layouts::Found;
+use lightsheaf::render::layouts::found_lines::OF_DIRECTION;
 use lightsheaf::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
 use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
 use lightsheaf::render::layouts::{LightPoint, Lighting};
 use lightsheaf::render::lights::bundle_directions::BundleDirections;
+use lightsheaf::render::lights::sky_guide::{HEIGHT, SIDE, densities};
 use lightsheaf::render::sampler::{Decision, Sampler, uniform_sphere};
 use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
 
@@ -201,6 +204,110 @@ fn light_subpaths_start_as_their_density_says() {
         let flat = bins(&even, &vec![1.0; cells], if light.kind == SKY { |r| 0.75 * r } else { |_| 1.0 });
         assert!(p_value(&counts, &pool(&mut flat.into_iter())) < 1e-6, "{name}: a wrong density was not noticed");
     }
+}
+
+/// Asks for samples or densities of the sky's guide, under an even sky around a sphere of radius 2.
+fn ask_sky(gpu: &Gpu, guide: &[f32], questions: &[SkyDraw]) -> Vec<SkyDraw> {
+    let pass = Compute::from_source(gpu, "sky_draws", &shaders::SKY_DRAWS, &[Flag::Environment, Flag::SkyGuide]);
+    let lighting = gpu.uniform::<Lighting>("lighting");
+    gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
+    let size = wgpu::Extent3d { width: SIDE, height: HEIGHT, depth_or_array_layers: 1 };
+    let texels = gpu.texture(&wgpu::TextureDescriptor {
+        label: Some("sky_guide"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::R32Float,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(SIDE * 4), rows_per_image: None };
+    gpu.queue.write_texture(texels.as_image_copy(), bytemuck::cast_slice(guide), layout, size);
+    let view = texels.create_view(&Default::default());
+    let draws = gpu.upload("sky_draws", questions);
+    let bindings = [
+        ("lighting", lighting.as_entire_binding()),
+        ("sky_guide", wgpu::BindingResource::TextureView(&view)),
+        ("sky_draws", draws.as_entire_binding()),
+    ];
+    run(gpu, &pass, &bindings, rows(questions.len() as u32), (&draws, questions.len()))
+}
+
+/// Directions to the sky, and lines along one of them, are as frequent as the densities of MIS say, for a guide of
+/// light that comes from about one direction through one place.
+#[test]
+fn light_of_the_sky_follows_its_guide() {
+    const EVEN_STEPS: usize = 1 << 10;
+    let Some(gpu) = gpu() else { return };
+    let sampler = |i: u32| Sampler::new(3, u64::from(i));
+    let found: Vec<Found> = (0..4096)
+        .map(|i| {
+            let [x, y] = sampler(i).get2(Decision::Y1);
+            let near = |u: f32, middle: f32| (((middle + 0.2 * (u - 0.5)) * SIDE as f32) as u32).min(SIDE - 1);
+            let of_direction = if i % 3 == 0 { OF_DIRECTION } else { 0 };
+            Found { texel: near(y, 0.7) * SIDE + near(x, 0.3) | of_direction, value: 1.0 + x }
+        })
+        .collect();
+    let (guide, even) = (densities(&found), densities(&[]));
+    let bin = |x: f32| ((x * 16.0) as usize).min(15);
+    let check =
+        |name: &str, drawn: Vec<SkyDraw>, asked: u32, place: &dyn Fn(&SkyDraw) -> [f32; 2], all: Vec<SkyDraw>| {
+            let again: Vec<_> = drawn.iter().map(|d| SkyDraw { asked, ..*d }).collect();
+            let again = ask_sky(gpu, &guide, &again);
+            let differ = drawn.iter().zip(&again).filter(|(a, b)| (a.pdf / b.pdf - 1.0).abs() > 1e-3).count();
+            assert!(differ < drawn.len() / 1000, "{name}: {differ} densities differ");
+            let mut counts = vec![0_u64; 256];
+            for [x, y] in drawn.iter().map(place) {
+                counts[bin(y) * 16 + bin(x)] += 1;
+            }
+            let expected = |guide: &[f32]| {
+                let mut bins = vec![0.0; 256];
+                let answers = ask_sky(gpu, guide, &all);
+                for ([x, y], answer) in all.iter().map(place).zip(answers) {
+                    bins[bin(y) * 16 + bin(x)] += f64::from(answer.pdf) * f64::from(all[0].pdf);
+                }
+                bins
+            };
+            let right = expected(&guide);
+            let mass: f64 = right.iter().sum();
+            let counted = |bins: Vec<f64>| bins.iter().map(|b| b / mass * f64::from(MANY)).collect::<Vec<_>>();
+            let p = p_value(&counts, &counted(right));
+            println!("{name}: p {p:.3}, mass {mass:.5}");
+            assert!((mass - 1.0).abs() < 2e-3, "{name}: the density integrates to {mass}");
+            assert!(p > 0.5 * SIGNIFICANCE, "{name}: p {p}");
+            assert!(p_value(&counts, &counted(expected(&even))) < 1e-6, "{name}: an even density was not noticed");
+        };
+    // Steps are jittered, so that the borders of cells do not fall between them in a row.
+    let steps = || {
+        (0..EVEN_STEPS * EVEN_STEPS).map(|i| {
+            let [u, v] = Sampler::new(11, i as u64).get2(Decision::Y2);
+            [((i % EVEN_STEPS) as f32 + u) / EVEN_STEPS as f32, ((i / EVEN_STEPS) as f32 + v) / EVEN_STEPS as f32]
+        })
+    };
+    let total = (EVEN_STEPS * EVEN_STEPS) as f32;
+    // Bins of the sphere: height and azimuth, in which steps of equal area are even.
+    let directions = steps().map(|[x, y]| {
+        let (z, (sin, cos)) = (2.0 * y - 1.0, (TAU * x).sin_cos());
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        SkyDraw { w: [r * cos, r * sin, z], asked: 1, pdf: 4.0 * PI / total, ..Default::default() }
+    });
+    let drawn = ask_sky(gpu, &guide, &vec![SkyDraw::default(); MANY as usize]);
+    let on_sphere = |d: &SkyDraw| [d.w[1].atan2(d.w[0]).rem_euclid(TAU) / TAU, 0.5 * d.w[2] + 0.5];
+    check("directions", drawn, 1, &on_sphere, directions.collect());
+    // Lines along the middle of what was found; a line is where it meets the plane through the centre across it.
+    let square = Vec3::new(2.0 * 0.3 - 1.0, 2.0 * 0.7 - 1.0, 0.0);
+    let w = Vec3 { z: 1.0 - square.x.abs() - square.y.abs(), ..square }.normalize() + Vec3::splat(0.01);
+    let w = w.normalize();
+    let (right, up) = w.any_orthonormal_pair();
+    let side = 4.4;
+    let lines = steps().map(|[x, y]| {
+        let offset = right * (side * (x - 0.5)) + up * (side * (y - 0.5)) + w * 0.3;
+        SkyDraw { w: w.to_array(), offset: offset.to_array(), asked: 3, pdf: side * side / total }
+    });
+    let drawn = ask_sky(gpu, &guide, &vec![SkyDraw { w: w.to_array(), asked: 2, ..Default::default() }; MANY as usize]);
+    let across = |d: &SkyDraw| [right, up].map(|axis| Vec3::from(d.offset).dot(axis) / side + 0.5);
+    check("lines", drawn, 3, &across, lines.collect());
 }
 
 #[test]

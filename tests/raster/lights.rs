@@ -13,9 +13,10 @@ use lightsheaf::render::renderer::Renderer;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{
-    Camera, Cone, Filter, Image, Lamp, Light, Mapping, Material, Pattern, Scene, SpotFalloff, Texture, TextureRef, Wrap,
+    Camera, Cone, Environment, Filter, Image, Lamp, Light, Mapping, Material, Pattern, Scene, SpotFalloff, Texture,
+    TextureRef, Wrap,
 };
-use lightsheaf::settings::{Method, Settings, Technique};
+use lightsheaf::settings::{Method, Settings, Strategies, Technique, VisibilityFrom};
 
 const METHODS: [Technique; 5] =
     [Technique::REFERENCE, Technique::PATH, Technique::RAY_QUERY, Technique::RASTER, Technique::TWIN];
@@ -418,4 +419,87 @@ fn lights_that_are_ignored_are_named() {
     ] {
         assert!(scene.warnings.iter().any(|w| w == warning), "{:?}", scene.warnings);
     }
+}
+
+/// A room with a window, lit by the sky: light subpaths follow what the view has found of the window.
+#[test]
+fn the_sky_through_a_window() {
+    let white = || Material::diffuse("wall", Vec3::splat(0.7));
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(-0.8, 0.1, 0.2), Vec3::X, 1.4)], ..Scene::default() };
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
+    for (corner, u, v) in [
+        (-x - y + z, x * 2.0, z * -2.0),
+        (-x + y - z, x * 2.0, z * 2.0),
+        (-x - y - z, x * 2.0, y * 2.0),
+        (-x - y + z, z * -2.0, y * 2.0),
+        (x - y - z, z * 2.0, y * 2.0),
+        // The wall with the window.
+        (x - y + z, x * -2.0, y * 1.2),
+        (x + y * 0.2 + z, x * -1.3, y * 0.8),
+    ] {
+        add(&mut scene, quad(corner, u, v), white());
+    }
+    scene.environment =
+        Some(Environment { radiance: Vec3::new(3.0, 2.0, 1.0), map: None, world_from_environment: Mat3::IDENTITY });
+    let settings = |technique| Settings { technique, samples: 2048, ..Settings::plain() };
+    let Some(gpu) = gpu() else { return };
+    let of = |settings: Settings, guided: bool| {
+        let mut renderer = SharedRenderer::new(gpu, &scene, &settings).unwrap();
+        assert_eq!(renderer.plan().guides_sky, guided);
+        renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+        assert_eq!(renderer.stats().non_finite, 0);
+        renderer.film().unwrap()
+    };
+    let (expected, _) = picture(&scene, Technique::REFERENCE, 16384, 3).unwrap();
+    let small = |s: Settings| Settings { width: 8, height: 8, bounces: 3, ..s };
+    // Each seed is off by some 7 %, since all pixels share their light.
+    let films: Vec<Film> =
+        (0..8).map(|seed| of(Settings { seed, samples: 1024, ..small(settings(Technique::RASTER)) }, true)).collect();
+    let means: Vec<f64> = films.iter().map(|film| mean(film)[0] / mean(&expected)[0]).collect();
+    let middle = means.iter().sum::<f64>() / 8.0;
+    let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 7.0 / 8.0).sqrt();
+    println!("guided over reference: {middle:.4} +- {deviation:.4}");
+    assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.03, "{means:?}");
+    if let Some(rays) = gpu_with_ray_queries() {
+        let mut twin = SharedRenderer::new(rays, &scene, &small(settings(Technique::TWIN))).unwrap();
+        twin.render(64, &mut |_| true).unwrap();
+        let grid = of(Settings { samples: 64, ..small(settings(Technique::RASTER)) }, true);
+        let off = lightsheaf::metrics::compare(&twin.film().unwrap(), &grid).unwrap().rel_mse;
+        assert!(off < 1e-6, "the grid against ray queries: {off}");
+    }
+    // Fewer samples show that it gains.
+    let error = |strategies| {
+        let few = small(Settings { samples: 64, strategies, ..settings(Technique::RASTER) });
+        let films: Vec<Film> =
+            (0..16).map(|seed| of(Settings { seed, ..few.clone() }, strategies == Strategies::All)).collect();
+        films.iter().map(|film| lightsheaf::metrics::compare(film, &expected).unwrap().rel_mse).sum::<f64>() / 16.0
+    };
+    let (with, without) = (error(Strategies::All), error(Strategies::Bundle));
+    println!("rel_mse of 64 samples: {with:.5} with VPLs, {without:.5} without");
+    assert!(with < 0.5 * without, "{with} is not much less than {without}");
+}
+
+/// A sun over a shaft that is much higher than wide: the first surface along its light is the lid, for lists and
+/// for rays.
+#[test]
+fn the_sun_over_a_shaft() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(0.0, 20.0, 3.0), Vec3::NEG_Z, 0.5)], ..Scene::default() };
+    add(&mut scene, floor(1.0, 0.0), Material::diffuse("floor", Vec3::splat(0.8)));
+    add(&mut scene, floor(0.4, 20.0), Material::diffuse("lid", Vec3::splat(0.5)));
+    let wall = quad(Vec3::new(-1.0, 0.0, -1.0), Vec3::X * 2.0, Vec3::Y * 40.0);
+    add(&mut scene, wall, Material::diffuse("wall", Vec3::splat(0.8)));
+    scene.lights =
+        vec![Light::Directional { direction: Vec3::new(0.01, -1.0, -0.02).normalize(), irradiance: Vec3::ONE }];
+    let of = |visibility_from| {
+        let settings =
+            Settings { visibility_from, width: 16, height: 16, samples: 16, bounces: 1, ..Settings::plain() };
+        let mut renderer = SharedRenderer::new(gpu, &scene, &settings).unwrap();
+        renderer.render(16, &mut |_| true).unwrap();
+        renderer.film().unwrap()
+    };
+    let (lists, grid) = (of(VisibilityFrom::Lists), of(VisibilityFrom::Grid));
+    let off = lightsheaf::metrics::compare(&grid, &lists).unwrap().rel_mse;
+    println!("rays against lists: rel_mse {off:e}");
+    assert!(mean(&lists)[0] > 0.0 && off < 1e-6, "{off}");
 }

@@ -2,5 +2,6 @@
 //! sphere.
 
 pub mod bundle_directions;
+pub mod sky_guide;
 pub mod table;
 pub mod tree;

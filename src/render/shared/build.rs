@@ -15,6 +15,7 @@ use crate::render::shared::passes::light::light_point::LightPoint;
 use crate::render::shared::passes::light::light_reservoirs::LightReservoirs;
 use crate::render::shared::passes::light::light_subpath::LightSubpath;
 use crate::render::shared::passes::light::rsm::Rsm;
+use crate::render::shared::passes::light::sky_guide::SkyGuide;
 use crate::render::shared::passes::paths::connect::Connect;
 use crate::render::shared::passes::paths::extend::Extend;
 use crate::render::shared::passes::views::list_lengths::ListLengths;
@@ -42,6 +43,8 @@ pub struct Passes {
     pub light_point: Option<LightPoint>,
     /// The reflective shadow map of y0.
     pub rsm: Option<Rsm>,
+    /// Places where light of the sky comes in.
+    pub sky_guide: Option<SkyGuide>,
     /// y1 and y2.
     pub light_subpath: Option<LightSubpath>,
     /// Light paths by way of mirrors and clear glass.
@@ -70,6 +73,8 @@ struct FlagSets {
     base: Vec<Flag>,
     /// The reflective shadow map.
     rsm: &'static [Flag],
+    /// The sky's guide.
+    guide: &'static [Flag],
     /// Emission from y0: punctual lights and their patterns.
     emission: Vec<Flag>,
 }
@@ -81,6 +86,7 @@ impl FlagSets {
         Self {
             base: [plan.surface_flags.as_slice(), bundles, plan.layer_flags()].concat(),
             rsm: if plan.rsm { &[Flag::Rsm] } else { &[] },
+            guide: if plan.guides_sky { &[Flag::SkyGuide] } else { &[] },
             emission: emission.copied().collect(),
         }
     }
@@ -144,6 +150,7 @@ impl Frame {
         let Passes { caustics, gbuffer, light_candidates, light_reservoirs, .. } = &self.passes;
         self.pixels.bytes()
             + self.denoiser.as_ref().map_or(0, Denoiser::bytes)
+            + if self.passes.sky_guide.is_some() { SkyGuide::BYTES } else { 0 }
             + caustics.as_ref().map_or(0, |caustics| caustics.splats.size())
             + gbuffer.as_ref().map_or(0, GBuffer::bytes)
             + self.views.bytes()
@@ -153,9 +160,14 @@ impl Frame {
 }
 
 impl Passes {
+    /// Returns the sky's guide, if there is one.
+    pub(super) fn guide(&self) -> Option<&wgpu::TextureView> {
+        self.sky_guide.as_ref().map(|guide| &guide.view)
+    }
+
     fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings, sky_bundles: bool) -> Self {
         let flags = FlagSets::new(plan, sky_bundles);
-        let FlagSets { rsm, emission, .. } = &flags;
+        let FlagSets { rsm, guide, emission, .. } = &flags;
         let [of_light, of_vpl, of_bundle] = [ViewRole::LightVertex(0), ViewRole::LightVertex(1), ViewRole::Bundle(0)]
             .map(|role| view_flags(plan, role));
         let [width, height] = plan.grid.size;
@@ -176,12 +188,20 @@ impl Passes {
         let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
         Self {
             light_point: (plan.light_vertices > 0).then(|| {
-                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1);
-                LightPoint::new(gpu, &with(&[&plan.light_flags]), count, plan.light_resolution, one_by_one)
+                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1 || plan.sky_points > 1);
+                LightPoint::new(gpu, &with(&[&plan.light_flags, guide]), count, plan.light_resolution, one_by_one)
             }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[&of_light, emission]))),
-            light_subpath: (plan.light_vertices > 1)
-                .then(|| LightSubpath::new(gpu, &with(&[&of_light, rsm, emission]), &with(&[&of_vpl, rsm, emission]))),
+            sky_guide: plan.tracing.filter(|_| plan.guides_sky).map(|tracing| {
+                SkyGuide::new(
+                    gpu,
+                    &[plan.surface_flags.as_slice(), &plan.light_flags, plan.layer_flags(), &ray_flags(tracing)]
+                        .concat(),
+                )
+            }),
+            light_subpath: (plan.light_vertices > 1).then(|| {
+                LightSubpath::new(gpu, &with(&[&of_light, rsm, guide, emission]), &with(&[&of_vpl, rsm, emission]))
+            }),
             caustics,
             gbuffer: (!plan.traces_camera).then(|| GBuffer::new(gpu, &plan.surface_flags, width, height)),
             eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags(), &of_camera])),
@@ -213,13 +233,13 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         narrow_only: u32::from(c.narrow_only),
         ..Default::default()
     };
-    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.emission] } else { &[] };
+    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, flags.guide, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
     let shader = flags.with(&[&[of_view.as_slice()], from_y0].concat());
     let from_candidates = plan.has_candidates() && c.is_direct();
     ConnectionPass {
         connection: *c,
-        strategies: (0..plan.points_connected(c)).map(|_| strategy(gpu, &constants)).collect(),
+        strategies: (0..plan.lights_connected(c)).map(|_| strategy(gpu, &constants)).collect(),
         pass: (!from_candidates).then(|| Connect::new(gpu, &shader, c.s, c.clamped)),
     }
 }
@@ -236,7 +256,8 @@ fn extension(
     let narrow_only = u32::from(e.narrow_only);
     let constants = layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, ..Default::default() };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
-    let shader = flags.with(&[emitters, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
+    let guide = if e.hits_emitter { flags.guide } else { &[] };
+    let shader = flags.with(&[emitters, guide, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
     (strategy(gpu, &constants), Extend::new(gpu, &shader, e.last))
 }
 

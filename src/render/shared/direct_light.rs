@@ -1,6 +1,7 @@
 //! Connections of an iteration: with one light vertex, with a point of each light, or with light candidates.
 
 use crate::gpu::Gpu;
+use crate::render::layouts::light_kind::SKY;
 use crate::render::layouts::{self, LightRecord};
 use crate::render::lights::table::LightTable;
 use crate::render::recording::Recording;
@@ -36,15 +37,20 @@ impl Frame {
         pass: &Connect,
         light_point: &LightPoint,
     ) {
-        for (n, start) in self.light_points.iter().enumerate().take(strategies.len()) {
+        let count = self.plan.points_connected(connection) as usize;
+        for (n, start) in self.light_points.iter().enumerate().take(count) {
             let vertex = ViewRole::LightVertex(connection.s - 1);
             let map = if connection.s == 1 { self.plan.light_view(start.light) } else { vertex };
+            if connection.s == 1 && self.plan.sky_points > 1 {
+                light_point.write_view(&mut recording.encoder, n, self.views.get(map));
+            }
             let inputs = ConnectInputs {
                 strategy: if strategies.len() > 1 { &strategies[start.light as usize] } else { &strategies[0] },
                 view: self.views.get(map),
                 y0: light_point.point(&mut recording.encoder, n),
                 light_vertices: &self.light_vertices,
                 rsm: self.passes.rsm.as_ref().map(|rsm| &rsm.table),
+                guide: self.passes.guide(),
             };
             pass.record(recording, band, &inputs);
         }
@@ -82,7 +88,8 @@ impl Frame {
     pub(super) fn write_sample_counts(&self, gpu: &Gpu, lights: &LightTable) {
         let write = |strategy: &wgpu::Buffer, samples: [u32; 4], light: &LightRecord| {
             let at = std::mem::offset_of!(layouts::Strategy, sample_counts) + size_of::<f32>();
-            let count = samples[1] as f32 / light.probability;
+            let points = if light.kind == SKY { self.plan.sky_points } else { 1 };
+            let count = (points * samples[1]) as f32 / light.probability;
             gpu.queue.write_buffer(strategy, at as u64, bytemuck::bytes_of(&count));
         };
         for ConnectionPass { connection, strategies, .. } in &self.passes.connections {

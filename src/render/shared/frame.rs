@@ -175,7 +175,7 @@ impl Frame {
             }
             if let Some((strategy, pass)) = self.passes.extensions.get(j as usize - 1) {
                 let bundle = self.views.get(ViewRole::Bundle(j - 1));
-                pass.record(recording, band, strategy, bundle, self.guides(band));
+                pass.record(recording, band, strategy, bundle, self.guides(band), self.passes.guide());
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::gpu::{Gpu, GpuError};
 use crate::render::frame_uniform::frame_uniform;
-use crate::render::layouts::{self, LightStart};
+use crate::render::layouts::{self, FrameUniform, LightStart};
 use crate::render::lights::table::LightTable;
 use crate::render::recording::Recording;
 use crate::render::sampler::{Decision, Sampler};
@@ -46,9 +46,9 @@ impl Frame {
         let y0_view = self.plan.light_view(y0.light);
         let y0_is_kept = *self.views.map_of(ViewRole::LightVertex(0)) == Some(y0.light);
         if self.light_points.len() > 1 || !y0_is_kept {
-            pass.record(recording, &self.light_points);
+            pass.record(recording, &self.light_points, self.passes.guide());
         }
-        let with_own_map = if self.plan.direct_lights > 0 { self.light_points.len() } else { 1 };
+        let with_own_map = (self.plan.direct_lights.max(1) as usize).min(self.light_points.len());
         for (n, &LightStart { light, .. }) in self.light_points[..with_own_map].iter().enumerate() {
             let role = self.plan.light_view(light);
             if *self.views.map_of(role) != Some(light) {
@@ -84,6 +84,7 @@ impl Frame {
             let inputs = LightSubpathInputs {
                 y0: &light_point.points,
                 rsm: self.passes.rsm.as_ref().map(|rsm| &rsm.table),
+                guide: self.passes.guide(),
                 from: self.views.get(from),
                 light_vertices: &self.light_vertices,
                 next: self.views.get(next),
@@ -100,6 +101,31 @@ impl Frame {
         let role = self.plan.candidate_views()[n];
         pass.write_view(&mut recording.encoder, n, self.views.get(role));
         self.views.rasterize_candidate(recording, role, n);
+    }
+
+    /// Finds the places where light of the sky comes in, for light subpaths to follow, if planned.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub fn guide_sky(&mut self, iteration: &Iteration) -> Result<(), GpuError> {
+        if !self.plan.guides_sky {
+            return Ok(());
+        }
+        let &Iteration { gpu, scene, camera, settings, .. } = iteration;
+        // All seeds, and so all parts of a picture, follow the same guide.
+        let uniform = FrameUniform { seed: 0, ..frame_uniform(scene, camera, settings, &Sampler::new(0, 0), 0, 0) };
+        self.pixels.write_uniform(gpu, 0, &uniform);
+        let mut recording = Recording::new(gpu, scene, "sky guide");
+        self.gbuffer_camera = None;
+        self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
+        let Some(guide) = &self.passes.sky_guide else { return Ok(()) };
+        guide.clear(&mut recording);
+        for band in self.pixels.bands(0) {
+            self.begin_eye_subpaths(&mut recording, &band);
+            guide.record(&mut recording, &band);
+        }
+        recording.submit();
+        guide.update(gpu)
     }
 
     /// Measures the contribution of each light to the picture without occlusion, in any unit.
@@ -135,11 +161,18 @@ fn light_points(lights: &LightTable, sampler: &Sampler, plan: &FramePlan) -> Vec
     let start = |n: u32, light: u32| LightStart { light, random: sampler.get2(Decision::LightPoint(n)), pad: 0 };
     let chosen = |n: u32| lights.choose((first + n as f32 / plan.light_candidates as f32).fract());
     let candidates = (0..plan.light_candidates).filter_map(|n| Some(start(n, chosen(n)?)));
-    if plan.direct_lights == 0 {
-        return candidates.collect();
-    }
     // The contributions of all lights are summed, so their points may share random numbers.
     let emits = |&light: &u32| lights.records[light as usize].probability > 0.0;
-    let others = (0..lights.count()).filter(|&light| Some(light) != chosen(0)).filter(emits);
-    candidates.chain(others.map(|light| start(0, light))).collect()
+    let others = (0..if plan.direct_lights > 0 { lights.count() } else { 0 })
+        .filter(|&light| Some(light) != chosen(0))
+        .filter(emits);
+    let sky = lights.sky().and_then(|_| lights.count().checked_sub(1));
+    // Further points on the sky are a lattice with its first one, by Roberts' R2 sequence.
+    let more = (1..plan.sky_points).filter_map(|n| {
+        let first = start(0, sky?);
+        let [x, y] = first.random;
+        let random = [(x + 0.754_877_7 * n as f32).fract(), (y + 0.569_840_3 * n as f32).fract()];
+        Some(LightStart { random, ..first })
+    });
+    candidates.chain(others.map(|light| start(0, light))).chain(more).collect()
 }

@@ -156,7 +156,7 @@ impl<'gpu> SharedRenderer<'gpu> {
             scene_stats: stats,
             warnings: warnings(scene, settings),
         };
-        this.choose_lights_for_view()?;
+        this.learn_view()?;
         gpu.check()?;
         Ok(this)
     }
@@ -167,7 +167,7 @@ impl<'gpu> SharedRenderer<'gpu> {
         if self.frame.denoiser.is_none() {
             self.restart(self.settings.seed);
         }
-        self.choose_lights_for_view()?;
+        self.learn_view()?;
         Ok(self.gpu.check()?)
     }
 
@@ -177,6 +177,13 @@ impl<'gpu> SharedRenderer<'gpu> {
             self.lights = by_power.clone();
             self.scene.relight(self.gpu, &self.lights);
         }
+    }
+
+    /// Learns where light comes from that the view shows, as planned.
+    fn learn_view(&mut self) -> Result<(), RenderError> {
+        self.choose_lights_for_view()?;
+        let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
+        Ok(frame.guide_sky(&Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None })?)
     }
 
     /// Sets the probabilities of lights by their unoccluded contribution to the view, if planned.

@@ -7,5 +7,5 @@ mod materials;
 pub mod rest_mesh;
 mod sheen;
 pub mod tessellate;
-mod textures;
+pub mod textures;
 mod vertices;

@@ -57,7 +57,7 @@ impl Textures {
 }
 
 /// Creates a texture array.
-pub(super) fn texture(
+pub fn texture(
     gpu: &Gpu,
     label: &str,
     format: wgpu::TextureFormat,
@@ -80,7 +80,7 @@ pub(super) fn texture(
 }
 
 /// Uploads texels to a rectangle of one layer.
-fn write_texture(
+pub fn write_texture(
     gpu: &Gpu,
     texture: &wgpu::Texture,
     [x, y, z]: [u32; 3],

@@ -72,6 +72,8 @@ pub struct SceneStats {
     pub vertex_colors: bool,
     /// True if a camera has a lens.
     pub lens: bool,
+    /// True if a camera is inside the bounding box, as in a room.
+    pub camera_inside: bool,
     /// Half the diagonal of the bounding box, metres.
     pub radius: f32,
     /// Mean square root of the triangles' areas, relative to `radius`: a measure of geometric detail.
@@ -145,6 +147,10 @@ impl SceneStats {
             deforms: scene.rig.is_some() || scene.pose.is_some(),
             vertex_colors: scene.meshes.iter().any(|m| !m.colors.is_empty()),
             lens: scene.cameras.iter().any(|camera| camera.lens.is_some_and(|lens| lens.radius > 0.0)),
+            camera_inside: scene.cameras.iter().any(|camera| {
+                let eye = Vec3::from(camera.world_from_camera.translation);
+                eye.cmpge(low).all() && eye.cmple(high).all()
+            }),
             radius,
             mean_triangle_size: (sizes / geometry.triangles.len().max(1) as f64) as f32 / radius.max(f32::MIN_POSITIVE),
         }

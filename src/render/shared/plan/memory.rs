@@ -5,6 +5,7 @@ use crate::gpu::Capabilities;
 use crate::render::adaptive_sampling;
 use crate::render::layouts;
 use crate::render::shared::passes::light::caustics::Caustics;
+use crate::render::shared::passes::light::sky_guide::SkyGuide;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::views::PlannedView;
 use crate::render::visibility::view::{Answers, PROJECTED_TRIANGLE_BYTES, Texels};
@@ -74,6 +75,7 @@ impl FramePlan {
                 + 4 * self.answers(role).words(texels, nodes)
         };
         let views: u64 = self.views().into_iter().map(view).sum();
-        image + views + 16 * self.item_capacity(triangles, limit) + 4 * self.scratch_words(triangles, limit)
+        let guide = if self.guides_sky { SkyGuide::BYTES } else { 0 };
+        guide + image + views + 16 * self.item_capacity(triangles, limit) + 4 * self.scratch_words(triangles, limit)
     }
 }

@@ -58,6 +58,8 @@ impl FramePlan {
             // Paths take directions of their own from glossy surfaces, and light passes glass on either side.
             _ if self.transmits() => *views == RayViews::ALL,
             (_, VisibilityFrom::Lists) => *views == RayViews { bundles: self.own_directions, ..Default::default() },
+            // Paths that look for the sky are traced, and so is what its guide says.
+            _ if self.guides_sky && !views.lights => false,
             _ if self.own_directions => views.bundles,
             _ => !(self.list_lengths && views.bundles),
         };
@@ -79,6 +81,9 @@ impl FramePlan {
             Visibility::RayQuery => "ray queries of the device, as asked for".to_owned(),
             Visibility::Bvh => "a bounding volume hierarchy, as asked for".to_owned(),
             Visibility::Fast => "none: depth maps and lists".to_owned(),
+            Visibility::Exact if self.guides_sky && from == VisibilityFrom::Auto => {
+                format!("a grid made once answers {}: light of the sky is guided into the room", self.ray_views)
+            }
             Visibility::Exact if self.traces_camera => {
                 format!("a grid made once is cheaper for {}, {}", self.ray_views, why(VisibilityFrom::Grid))
             }

@@ -31,7 +31,7 @@ impl FramePlan {
     pub(super) fn rows(&self, stats: &SceneStats, settings: &Settings) -> Vec<PlannedPass> {
         let counts = self.counts(stats);
         let mut rows = PlannedPass::of_upload(stats);
-        rows.extend(self.light_rows(&counts));
+        rows.extend(self.light_rows(&counts, stats));
         rows.extend(self.view_rows(&counts));
         rows.extend(self.subpath_rows(&counts));
         rows.push(self.caustics_row(stats, settings));
@@ -56,19 +56,34 @@ impl FramePlan {
         Counts { subpaths, bands, clear_bands, maps, bundles: if by_rays { 0 } else { subpaths * self.bundles() } }
     }
 
-    fn light_rows(&self, counts: &Counts) -> [PlannedPass; 2] {
+    fn why_guide(&self, stats: &SceneStats) -> &'static str {
+        match () {
+            () if self.guides_sky => "once, before the first iteration: places where light of the sky comes in",
+            () if !stats.environment => "no sky",
+            () if self.light_vertices < 2 || !self.starts_from_emitters => "no VPLs from the sky",
+            () if !stats.camera_inside => "the camera is outside the scene, and light comes in everywhere",
+            () => "lists or depth maps answer visibility",
+        }
+    }
+
+    fn light_rows(&self, counts: &Counts, stats: &SceneStats) -> [PlannedPass; 3] {
         let importance = if self.lights_for_view {
             "once, before the first iteration: lights are chosen half by power, half by unoccluded contribution"
         } else {
             "few lights, or --light-sampling is given"
         };
+        let on_sky = match self.sky_points {
+            1 => String::new(),
+            n => format!("; {n} points on the sky"),
+        };
         let point = match (self.light_vertices, self.direct_lights) {
             (0, _) => NO_LIGHT.to_owned(),
-            (_, 0) => "y0 of the light subpath".to_owned(),
-            (_, n) => format!("y0 of the light subpath; direct light from a point on each of {n} lights"),
+            (_, 0) => format!("y0 of the light subpath{on_sky}"),
+            (_, n) => format!("y0 of the light subpath; direct light from a point on each of {n} lights{on_sky}"),
         };
         [
             row("light_importance", u32::from(self.lights_for_view), importance),
+            row("sky_guide", u32::from(self.guides_sky), self.why_guide(stats)),
             row("light_point", if self.light_vertices > 0 { counts.subpaths } else { 0 }, point),
         ]
     }

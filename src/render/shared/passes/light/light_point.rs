@@ -39,14 +39,16 @@ impl LightPoint {
     }
 
     /// Records the pass.
-    pub fn record(&self, recording: &mut Recording, starts: &[layouts::LightStart]) {
+    pub fn record(&self, recording: &mut Recording, starts: &[layouts::LightStart], guide: Option<&wgpu::TextureView>) {
         recording.gpu.queue.write_buffer(&self.starts, 0, bytemuck::cast_slice(starts));
         let buffers = [
             ("light_starts", self.starts.as_entire_binding()),
             ("light_points", self.points.as_entire_binding()),
             ("light_views", self.views.as_entire_binding()),
         ];
-        recording.run(&self.compute, [self.count, 1], &[&buffers]);
+        let guide: Vec<_> =
+            guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
+        recording.run(&self.compute, [self.count, 1], &[&buffers, &guide]);
     }
 
     /// Returns the n-th light point as a uniform, valid until the next call.

@@ -20,6 +20,8 @@ pub struct LightSubpathInputs<'a> {
     pub y0: &'a wgpu::Buffer,
     /// The reflective shadow map of y0, if its light has one.
     pub rsm: Option<&'a wgpu::Buffer>,
+    /// Places where light of the sky comes in.
+    pub guide: Option<&'a wgpu::TextureView>,
     /// The map around the vertex before.
     pub from: &'a ViewBuffers,
     /// The VPLs y1 and y2.
@@ -46,7 +48,9 @@ impl LightSubpath {
             ("next_view", inputs.next.view.as_entire_binding()),
         ];
         let rsm: Vec<_> = inputs.rsm.iter().map(|table| ("rsm", table.as_entire_binding())).collect();
+        let guide: Vec<_> =
+            inputs.guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
         let pass = if vertex == 1 { &self.y1 } else { &self.y2 };
-        recording.run(pass, [1, 1], &[&inputs.from.bindings(), &band.bindings(), &buffers, &rsm]);
+        recording.run(pass, [1, 1], &[&inputs.from.bindings(), &band.bindings(), &buffers, &rsm, &guide]);
     }
 }

@@ -7,3 +7,4 @@ pub mod light_point;
 pub mod light_reservoirs;
 pub mod light_subpath;
 pub mod rsm;
+pub mod sky_guide;

@@ -23,6 +23,8 @@ pub struct ConnectInputs<'a> {
     pub light_vertices: &'a wgpu::Buffer,
     /// The reflective shadow map of y0, if its light has one.
     pub rsm: Option<&'a wgpu::Buffer>,
+    /// Places where light of the sky comes in.
+    pub guide: Option<&'a wgpu::TextureView>,
 }
 
 impl Connect {
@@ -49,6 +51,8 @@ impl Connect {
             ("light_vertices", inputs.light_vertices.as_entire_binding()),
         ];
         let rsm: Vec<_> = inputs.rsm.iter().map(|table| ("rsm", table.as_entire_binding())).collect();
-        recording.run(&self.0, band.size, &[&inputs.view.bindings(), &band.bindings(), &buffers, &rsm]);
+        let guide: Vec<_> =
+            inputs.guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
+        recording.run(&self.0, band.size, &[&inputs.view.bindings(), &band.bindings(), &buffers, &rsm, &guide]);
     }
 }

@@ -36,11 +36,14 @@ impl Extend {
         strategy: &wgpu::Buffer,
         bundle: &ViewBuffers,
         guides: Option<&wgpu::Buffer>,
+        sky_guide: Option<&wgpu::TextureView>,
     ) {
         let strategy = [("strategy", strategy.as_entire_binding())];
         let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
+        let sky_guide: Vec<_> =
+            sky_guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
         let [columns, rows] = band.size;
         let threads = [columns, rows.next_multiple_of(ROWS)];
-        recording.run(&self.0, threads, &[&bundle.bindings(), &band.bindings(), &strategy, &guides]);
+        recording.run(&self.0, threads, &[&bundle.bindings(), &band.bindings(), &strategy, &guides, &sky_guide]);
     }
 }
