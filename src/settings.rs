@@ -10,6 +10,8 @@ use std::str::FromStr;
 #[cfg(feature = "cli")]
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
+use crate::film::crop::Crop;
+
 /// Value of `bounces` for paths of unlimited length, in `path` and the reference.
 pub const UNLIMITED: u32 = u32::MAX;
 
@@ -523,6 +525,10 @@ pub struct Settings {
     /// Index of the camera in the scene.
     #[cfg_attr(feature = "cli", arg(skip = Self::default().camera))]
     pub camera: usize,
+    /// Part of the image that is rendered. Its pixels are those of the whole image.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub crop: Option<Crop>,
 }
 
 /// Heading of the options of the shared estimator.
@@ -576,6 +582,7 @@ impl Default for Settings {
             aperture: None,
             focus: None,
             camera: 0,
+            crop: None,
         }
     }
 }
@@ -652,6 +659,13 @@ impl Settings {
         if !SIDES.contains(&width) || !SIDES.contains(&height) {
             let rule = format!("each side has to be {}", span(&SIDES));
             return Err(rejected("--size", format_args!("{width}x{height}"), rule));
+        }
+        if let Some(crop) = self.crop.filter(|crop| !crop.fits(width, height)) {
+            return Err(rejected(
+                "--crop",
+                crop,
+                format!("has to have a pixel and lie in the image of {width}x{height}"),
+            ));
         }
         within("--samples", Some(self.samples), &SAMPLES, "")?;
         within("--budget", self.budget, &BUDGETS, " seconds")?;
@@ -734,7 +748,22 @@ impl Settings {
     /// ([`crate::render::shared::plan::FramePlan::adaptive`]).
     #[must_use]
     pub fn is_adaptive(&self) -> bool {
-        self.target_error.is_some() && !self.is_denoised()
+        self.target_error.is_some() && self.crop.is_none() && !self.is_denoised()
+    }
+
+    /// True if tiles may be left out of samples: those that have converged, or that lie outside the crop. A
+    /// filter and the reuse of reservoirs need the pixels around the crop, too; then the whole image is rendered.
+    #[must_use]
+    pub fn skips_tiles(&self) -> bool {
+        let crops =
+            self.crop.is_some() && !self.light_sampling.is_some_and(LightSampling::reuses) && !self.is_denoised();
+        self.is_adaptive() || crops
+    }
+
+    /// Returns the part of the image that is rendered.
+    #[must_use]
+    pub fn region(&self) -> Crop {
+        self.crop.unwrap_or(Crop::whole(self.width, self.height))
     }
 
     /// True if glossy surfaces draw directions of their own beside those that pixels share: then no lobe is

@@ -37,7 +37,7 @@ pub enum Aov {
 }
 
 /// Options of `render` about layers.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub struct LayerArgs {
     /// Layers of the .exr beside R, G, B and A, separated by commas. They are the same for all methods, and
     /// without noise of light
@@ -82,8 +82,9 @@ impl LayerArgs {
     /// Traces the rays of the layers, if there are any.
     pub fn trace(&self, scene: &Scene, settings: &Settings) -> Option<Aovs> {
         let Settings { width, height, camera, .. } = *settings;
+        let region = settings.region();
         let settings = ReferenceSettings { width, height, samples: RAYS, bounces: None, seed: 0, camera };
-        self.any().then(|| Reference::new(scene).aovs(&settings))
+        self.any().then(|| Reference::new(scene).aovs_within(&settings, region))
     }
 
     /// Returns the picture with its layers.

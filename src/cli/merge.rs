@@ -89,10 +89,10 @@ fn check(first: &Part, other: &Part) -> Result<()> {
     if a.version != b.version {
         bail!("{shown}: are of the versions {} and {}; render the older one again", a.version, b.version);
     }
-    let size = |film: &Film| [film.width, film.height];
+    let size = |picture: &Picture| ([picture.film.width, picture.film.height], picture.window);
     let channels = |picture: &Picture| picture.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
-    if size(&first.picture.film) != size(&other.picture.film) || channels(&first.picture) != channels(&other.picture) {
-        bail!("{shown}: have other sizes or channels; render one of them again");
+    if size(&first.picture) != size(&other.picture) || channels(&first.picture) != channels(&other.picture) {
+        bail!("{shown}: have other sizes, crops or channels; render one of them again");
     }
     Ok(())
 }
@@ -160,5 +160,6 @@ fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
     };
     let Film { width, height, .. } = first.picture.film;
     let film = Film { width, height, pixels };
-    Picture { film, channels, attributes: first.picture.attributes.clone(), record: Some(record) }
+    let Picture { attributes, window, .. } = &first.picture;
+    Picture { film, channels, attributes: attributes.clone(), window: *window, record: Some(record) }
 }

@@ -105,6 +105,7 @@ pub fn run() -> ExitCode {
     };
     let done = match cli.command {
         Command::Render(mut args) => {
+            args.view.settings.crop = args.crop;
             match args.sample_range {
                 Some(range) => args.view.settings.samples = range.count().try_into().unwrap_or(u32::MAX),
                 None => end_by_default(&mut args.view.settings, &matches),

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use lightsheaf::film::Film;
+use lightsheaf::film::crop::Crop;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::render::renderer::BatchSize;
 use lightsheaf::render::state::RenderState;
@@ -14,6 +15,7 @@ use lightsheaf::settings::{Settings, UNLIMITED};
 pub struct ReferenceRenderer<'s> {
     reference: Reference<'s>,
     settings: ReferenceSettings,
+    region: Crop,
     /// The samples so far.
     pub rounds: Rounds,
     batch_size: BatchSize,
@@ -23,10 +25,11 @@ impl<'s> ReferenceRenderer<'s> {
     /// Prepares the scene for ray tracing.
     pub fn new(scene: &'s Scene, settings: &Settings) -> Self {
         let Settings { width, height, samples, seed, camera, .. } = *settings;
+        let region = settings.region();
         let bounces = Some(settings.bounces).filter(|&b| b != UNLIMITED);
         let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
-        let rounds = Rounds::new(settings);
-        Self { reference: Reference::new(scene), settings, rounds, batch_size: BatchSize::default() }
+        let rounds = Rounds::starting_at(settings, region, 0);
+        Self { reference: Reference::new(scene), settings, region, rounds, batch_size: BatchSize::default() }
     }
 
     /// Returns the number of the next sample.
@@ -52,11 +55,11 @@ impl Renderer for ReferenceRenderer<'_> {
 
     fn restart(&mut self, seed: u32) {
         self.settings.seed = seed;
-        self.rounds = Rounds::new(self.settings);
+        self.rounds = Rounds::starting_at(self.settings, self.region, 0);
     }
 
     fn begin_at(&mut self, first: u64) -> Result<(), RenderError> {
-        self.rounds = Rounds::starting_at(self.settings, first as u32);
+        self.rounds = Rounds::starting_at(self.settings, self.region, first as u32);
         Ok(())
     }
 
@@ -79,7 +82,7 @@ impl Renderer for ReferenceRenderer<'_> {
         let sums =
             sums.chunks_exact(24).map(|pixel| std::array::from_fn(|c| value(&pixel[8 * c..8 * c + 8]))).collect();
         let range = state.first as u32..state.next as u32;
-        self.rounds = Rounds::from_sums(self.settings, range, sums).ok_or_else(foreign)?;
+        self.rounds = Rounds::from_sums(self.settings, self.region, range, sums).ok_or_else(foreign)?;
         self.rounds.non_finite = state.non_finite;
         Ok(())
     }

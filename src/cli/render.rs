@@ -1,7 +1,7 @@
 //! Command `render`: renders a scene to image files until a number of samples, an error or a time is reached.
 
 use std::cell::{OnceCell, RefCell};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -11,7 +11,8 @@ use anyhow::{Context as _, Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
-use lightsheaf::film::exr::Picture;
+use lightsheaf::film::crop::Crop;
+use lightsheaf::film::exr::{Picture, Window};
 use lightsheaf::film::record::{Record, SampleRange};
 use lightsheaf::gpu::{Gpu, GpuError, PassTime};
 use lightsheaf::reference::aov::Aovs;
@@ -19,7 +20,7 @@ use lightsheaf::render::convergence::Convergence;
 use lightsheaf::render::fingerprint;
 use lightsheaf::render::renderer::ViewRequests;
 use lightsheaf::render::{self, RenderError, RenderStats, Renderer};
-use lightsheaf::scene::Scene;
+use lightsheaf::scene::{Geometry, Scene};
 use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
@@ -28,7 +29,10 @@ use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
 use super::output;
 use super::reference_renderer::ReferenceRenderer;
-use super::view::{self, ANIMATION, GradeArgs, View, ViewArgs};
+use super::view::{self, ANIMATION, GradeArgs, Turn, View, ViewArgs};
+
+/// Stands for the camera in names of files.
+const CAMERA: &str = "{camera}";
 
 /// Most samples between two checks of the budget.
 const ROUND: u64 = 8;
@@ -42,7 +46,7 @@ const SAVE_SECONDS: f64 = 30.0;
 /// Times that a device may be lost without further samples.
 const MAX_LOSSES: u32 = 3;
 
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub struct RenderArgs {
     #[command(flatten)]
     pub view: ViewArgs,
@@ -54,6 +58,16 @@ pub struct RenderArgs {
     grade: GradeArgs,
     #[command(flatten)]
     layers: LayerArgs,
+    /// Render the part of the image whose upper left pixel is X,Y and which has W x H pixels. They are those of
+    /// the whole image; the .exr says where they lie in it. Filtered pictures of shared and ReSTIR take the time
+    /// of the whole image
+    #[arg(long, value_name = "X,Y,W,H")]
+    pub crop: Option<Crop>,
+    /// Render N views on a circle around the scene, or around --target, each to a separate file: OUT.exr becomes
+    /// OUT_0000.exr and so on, as does the file of --stats. The first one is that of the camera, and the camera
+    /// goes counter-clockwise seen from above
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999), conflicts_with_all = ["frames", "checkpoint", "resume", "strategy_images"], help_heading = ANIMATION)]
+    turntable: Option<u32>,
     /// Write the contribution of each strategy (s, t) to this folder: weighted by MIS (sS_tT.exr; their sum
     /// is the image) and unweighted (sS_tT_unweighted.exr). Needs a limited number of bounces. Not available
     /// with reference
@@ -99,6 +113,55 @@ impl RenderArgs {
     fn writes_png(&self) -> bool {
         self.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
     }
+
+    /// Returns the arguments of each camera's picture, whose word on the command line replaces `{camera}` in the
+    /// names of files.
+    fn by_camera(&self) -> Result<Vec<Self>> {
+        let files = || self.output.iter().chain(&self.stats);
+        let names_camera = |path: &&PathBuf| path.to_string_lossy().contains(CAMERA);
+        let cameras = &self.view.camera;
+        if cameras.is_empty()
+            && let Some(path) = files().find(names_camera)
+        {
+            bail!("{}: which camera? Give --camera, or leave {CAMERA} out of the name", path.display());
+        }
+        if cameras.len() < 2 {
+            return Ok(vec![self.of_camera(cameras.first().map_or("", String::as_str))]);
+        }
+        if let Some(path) = files().find(|path| !names_camera(path)) {
+            bail!("{}: has to have {CAMERA} in its name, since each camera has a file", path.display());
+        }
+        for (option, given) in [
+            ("--resume", self.resume.is_some()),
+            ("--strategy-images", self.strategy_images.is_some()),
+            ("--eye", self.view.eye.is_some()),
+        ] {
+            if given {
+                bail!("{option}: is for one camera, and there are {}", cameras.len());
+            }
+        }
+        let all: Vec<Self> = cameras.iter().map(|camera| self.of_camera(camera)).collect();
+        let outputs: BTreeSet<&PathBuf> = all.iter().map(|args| &args.output[0]).collect();
+        if outputs.len() < all.len() {
+            bail!("--camera: two are called alike; give each once");
+        }
+        Ok(all)
+    }
+
+    /// Returns the arguments of one camera's picture.
+    fn of_camera(&self, camera: &str) -> Self {
+        // A name may have characters that file names cannot have.
+        let word: String =
+            camera.chars().map(|c| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '_' }).collect();
+        let named = |path: &PathBuf| PathBuf::from(path.to_string_lossy().replace(CAMERA, &word));
+        let mut args = self.clone();
+        if !camera.is_empty() {
+            args.view.camera = vec![camera.to_owned()];
+            args.output = self.output.iter().map(named).collect();
+            args.stats = self.stats.as_ref().map(named);
+        }
+        args
+    }
 }
 
 /// Reason for the end of a render.
@@ -132,7 +195,7 @@ struct Stats<'a> {
     /// samples.
     taken: Option<f64>,
     seconds: Seconds,
-    /// Device time and number of runs of each pass; with `--frames`, in all frames so far.
+    /// Device time and number of runs of each pass, in all frames and cameras so far.
     passes: BTreeMap<&'static str, PassTime>,
     /// Bytes on the device without the scene.
     bytes: u64,
@@ -148,7 +211,7 @@ struct Stats<'a> {
     /// Number of rays that the reference traced.
     rays: u64,
     plan: Option<serde_json::Value>,
-    /// Frame, with `--frames`.
+    /// Frame, with `--frames` and `--turntable`.
     frame: Option<Frame>,
     /// Index, name and length of each animation of the file.
     animations: &'a [String],
@@ -167,12 +230,15 @@ struct Seconds {
     render: f64,
 }
 
-/// Frame of an animation.
+/// Frame of an animation, or view of a turntable.
 #[derive(Clone, Copy, serde::Serialize)]
 struct Frame {
     number: u32,
     /// Time since the beginning of the animation in seconds.
     seconds: f64,
+    /// Angle of a turntable in degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    degrees: Option<f64>,
 }
 
 /// Renders the scene and writes the requested files.
@@ -183,7 +249,19 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
 }
 
 fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
-    check_outputs(args)?;
+    let cameras = args.by_camera()?;
+    cameras.iter().try_for_each(check_outputs)?;
+    let device = RefCell::default();
+    for (n, args) in cameras.iter().enumerate() {
+        if n == 0 || !interrupt.requested() {
+            render_camera(args, interrupt, &device)?;
+        }
+    }
+    Ok(())
+}
+
+/// Renders the pictures of one camera. The device is opened if there is none, and kept.
+fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Option<Gpu>>) -> Result<()> {
     let (grade, frames) = (OnceCell::new(), frames(args)?);
     let began = Instant::now();
     if frames.is_empty() {
@@ -198,21 +276,33 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         let (grade, kept) = (&grade, &Kept::default());
         return go_on_after_losses(&|| kept.saved.borrow().as_ref().map_or(0, |saved| saved.samples), &mut || {
             let began = Instant::now();
-            let gpu = open(args)?;
+            let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
             let job =
                 Job { args, interrupt, grade, load, began, scene, settings, animations, frame: None, all: 1, kept };
-            job.run(gpu.as_ref(), &mut None)
+            job.run(gpu.as_ref(), &mut None)?;
+            device.replace(gpu);
+            Ok(())
         });
     }
     let (loaded, mut settings) = args.view.open()?;
     let animations = view::animations(&loaded);
+    let loaded = if args.turntable.is_some() { args.view.pose(loaded)? } else { loaded };
+    let about = args.turntable.map(|_| args.view.target.unwrap_or_else(|| centre(&loaded)));
+    let complete = |frame: Frame, settings: &mut Settings| {
+        let turn = about.zip(frame.degrees).map(|(about, degrees)| Turn { about, degrees });
+        let posed = match turn {
+            Some(_) => loaded.clone(),
+            None => args.view.at("--frames", &loaded, frame.seconds)?,
+        };
+        args.view.complete(posed, settings, turn)
+    };
     // The first frame is loaded before the device is opened, so that its warnings come first. The setup time
     // of the first frame includes that of the device.
-    let first = args.view.complete(args.view.at("--frames", &loaded, frames[0].seconds)?, &mut settings)?;
+    let first = complete(frames[0], &mut settings)?;
     view::warn(&first);
     let mut load = began.elapsed().as_secs_f64();
     let mut began = Instant::now();
-    let gpu = open(args)?;
+    let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
     let (mut renderer, mut scene, all) = (None, first, frames.len());
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
@@ -220,7 +310,7 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         }
         if n > 0 {
             let posing = Instant::now();
-            scene = args.view.complete(args.view.at("--frames", &loaded, frame.seconds)?, &mut settings)?;
+            scene = complete(frame, &mut settings)?;
             load = posing.elapsed().as_secs_f64();
             began = Instant::now();
         }
@@ -229,7 +319,15 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
         let job = Job { args, interrupt, grade, load, began, scene, settings, animations, frame, all, kept };
         job.run(gpu.as_ref(), &mut renderer)?;
     }
+    drop(renderer);
+    device.replace(gpu);
     Ok(())
+}
+
+/// Returns the centre of a scene.
+fn centre(scene: &Scene) -> glam::Vec3 {
+    let [low, high] = Geometry::new(scene).bounds;
+    0.5 * (low + high)
 }
 
 /// Renders, and opens the device again as often as it is lost after further samples. `samples` returns the
@@ -270,13 +368,18 @@ fn open(args: &RenderArgs) -> Result<Option<Gpu>> {
     Ok(Some(gpu))
 }
 
-/// Returns the frames to render; empty without `--frames`.
+/// Returns the frames to render; empty for a single picture.
 fn frames(args: &RenderArgs) -> Result<Vec<Frame>> {
+    if let Some(views) = args.turntable {
+        let seconds = args.view.at.unwrap_or_default();
+        let degrees = |number| Some(360.0 * f64::from(number) / f64::from(views));
+        return Ok((0..views).map(|number| Frame { number, seconds, degrees: degrees(number) }).collect());
+    }
     let (Some((first, last)), Some(fps)) = (args.frames, args.fps) else { return Ok(Vec::new()) };
     if !(1e-3..=1e4).contains(&fps) {
         bail!("--fps {fps}: has to be 0.001 to 10000 frames a second");
     }
-    Ok((first..=last).map(|number| Frame { number, seconds: f64::from(number) / fps }).collect())
+    Ok((first..=last).map(|number| Frame { number, seconds: f64::from(number) / fps, degrees: None }).collect())
 }
 
 /// Parses `A..B`, or a single frame.
@@ -432,7 +535,8 @@ impl Job<'_> {
             );
         }
         progress.close(ended_by)?;
-        let all = progress.samples * u64::from(self.settings.width) * u64::from(self.settings.height);
+        let region = self.settings.region();
+        let all = progress.samples * u64::from(region.width) * u64::from(region.height);
         let RenderStats { samples, bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
             progress.renderer.stats();
         let stats = Stats {
@@ -487,7 +591,7 @@ impl Job<'_> {
             scene: &self.scene.name,
             device: String::new(),
             method: self.settings.technique.to_string(),
-            size: [self.settings.width, self.settings.height],
+            size: [self.settings.region().width, self.settings.region().height],
             samples: 0,
             exposure_stops: None,
             tonemap: None,
@@ -632,7 +736,9 @@ impl Job<'_> {
     /// Returns the picture with its layers.
     fn picture(&self, film: &Film) -> Result<Picture> {
         let aovs = self.kept.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.settings));
-        self.args.layers.picture(film, self.scene, aovs.as_ref())
+        let Settings { width, height, crop, .. } = *self.settings;
+        let window = crop.map(|crop| Window { crop, size: [width, height] });
+        Ok(Picture { window, ..self.args.layers.picture(film, self.scene, aovs.as_ref())? })
     }
 
     /// Returns the record of a picture.
@@ -767,7 +873,8 @@ impl<'a> ProgressiveRender<'a> {
         keeper: Keeper,
         saved: Option<Saved>,
     ) -> Result<Self, RenderError> {
-        let Settings { width, height, samples, target_error, budget, .. } = *job.settings;
+        let Settings { samples, target_error, budget, .. } = *job.settings;
+        let Crop { width, height, .. } = job.settings.region();
         let limited = target_error.is_some() || budget.is_some();
         let mut this = Self {
             began: Instant::now(),

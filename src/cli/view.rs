@@ -3,16 +3,16 @@
 use std::borrow::Cow;
 
 use anyhow::{Result, anyhow, bail};
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 
 use lightsheaf::render::adapt::{adapted, warnings};
-use lightsheaf::scene::{EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
+use lightsheaf::scene::{Camera, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, CameraChoice, Staging};
 use lightsheaf::tonemap::{Exposure, Tonemap};
 
 /// Arguments that select the scene, its camera and light, and the settings.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub struct ViewArgs {
     /// Scene file or builtin:NAME; `lightsheaf scenes` lists both
     pub scene: String,
@@ -23,9 +23,10 @@ pub struct ViewArgs {
     #[command(flatten)]
     pub settings: Settings,
     /// Camera of the scene, by its name or its index from 0. `auto` places a camera, as for scenes without
-    /// one [default: the first camera]
+    /// one. `render` takes several, each by an option of its own, if the outputs have {camera} in their names
+    /// [default: the first camera]
     #[arg(long, value_name = "NAME-OR-INDEX", help_heading = CAMERA)]
-    pub camera: Option<String>,
+    pub camera: Vec<String>,
     /// Position of the camera in metres, +Y up
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "target", help_heading = CAMERA)]
     pub eye: Option<Vec3>,
@@ -63,7 +64,7 @@ pub struct ViewArgs {
 }
 
 /// Display options of `render` and `view`.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub struct GradeArgs {
     /// Exposure of the .png and the window in stops, -32 to 32: values are multiplied by 2^STOPS. `auto` maps
     /// the log-average luminance to middle grey, 0.18 [default: auto]
@@ -94,19 +95,44 @@ pub struct View {
     pub animations: Vec<String>,
 }
 
+/// A turn of a camera about a vertical axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// Point on the axis.
+    pub about: Vec3,
+    /// Angle in degrees, counter-clockwise seen from above.
+    pub degrees: f64,
+}
+
+impl Turn {
+    fn apply(self, camera: &mut Camera) {
+        let Self { about, degrees } = self;
+        // The first view of a turntable is that of the camera, bit for bit.
+        if degrees != 0.0 {
+            let turn = Affine3A::from_rotation_y(degrees.to_radians() as f32);
+            let (there, back) = (Affine3A::from_translation(about), Affine3A::from_translation(-about));
+            camera.world_from_camera = there * turn * back * camera.world_from_camera;
+        }
+    }
+}
+
 impl ViewArgs {
     /// Loads, poses and completes the scene, prints its warnings, and completes the settings.
     pub fn load(&self) -> Result<View> {
-        let (mut scene, mut settings) = self.open()?;
+        let (scene, mut settings) = self.open()?;
         let animations = animations(&scene);
-        match (self.at, &self.animation) {
-            (Some(seconds), _) => scene = self.at("--at", &scene, seconds)?,
-            (None, Some(animation)) => bail!("--animation {animation}: at which time? Give --at SECONDS or --frames"),
-            (None, None) => {}
-        }
-        let scene = self.complete(scene, &mut settings)?;
+        let scene = self.complete(self.pose(scene)?, &mut settings, None)?;
         warn(&scene);
         Ok(View { scene, settings, animations })
+    }
+
+    /// Poses the scene at the time of `--at`, if that is given.
+    pub fn pose(&self, scene: Scene) -> Result<Scene> {
+        match (self.at, &self.animation) {
+            (Some(seconds), _) => self.at("--at", &scene, seconds),
+            (None, Some(animation)) => bail!("--animation {animation}: at which time? Give --at SECONDS or --frames"),
+            (None, None) => Ok(scene),
+        }
     }
 
     /// Checks the settings and loads the scene in its rest pose.
@@ -115,8 +141,8 @@ impl ViewArgs {
         if let Some(size) = self.size {
             (settings.width, settings.height) = size;
         }
-        // The check comes first, since loading a large scene takes long.
-        settings.check()?;
+        // The check comes first, since loading a large scene takes long. The scene may say the size of the image.
+        Settings { crop: settings.crop.filter(|_| self.size.is_some()), ..settings.clone() }.check()?;
         let staging = self.staging([settings.width, settings.height])?;
         Ok((staging::load(&self.scene, &staging)?, settings))
     }
@@ -124,10 +150,11 @@ impl ViewArgs {
     /// Returns the camera and environment that the arguments request in place of the scene's, for an image
     /// size.
     pub fn staging(&self, size: [u32; 2]) -> Result<Staging> {
-        let camera = match self.camera.as_deref() {
-            None => CameraChoice::First,
-            Some("auto") => CameraChoice::Auto,
-            Some(name) => CameraChoice::Named(name.to_owned()),
+        let camera = match self.camera.as_slice() {
+            [] => CameraChoice::First,
+            [name] if name == "auto" => CameraChoice::Auto,
+            [name] => CameraChoice::Named(name.clone()),
+            [_, ..] => bail!("--camera: several are for `render`; give one"),
         };
         let eye_and_target = self.eye.zip(self.target).map(|(eye, target)| [eye, target]);
         let variant = self.variant.clone();
@@ -142,10 +169,13 @@ impl ViewArgs {
         Ok(scene.at(self.pick_animation(option, scene)?, seconds as f32)?)
     }
 
-    /// Places the camera, completes the settings from the scene, and adapts the scene to them.
-    pub fn complete(&self, mut scene: Scene, settings: &mut Settings) -> Result<Scene> {
+    /// Places the camera, turns it, completes the settings from the scene, and adapts the scene to them.
+    pub fn complete(&self, mut scene: Scene, settings: &mut Settings, turn: Option<Turn>) -> Result<Scene> {
         settings.camera = self.pick_camera(&scene)?;
         self.place_camera(&mut scene, settings.camera)?;
+        if let Some(turn) = turn {
+            turn.apply(&mut scene.cameras[settings.camera]);
+        }
         if let (None, Some(size)) = (self.size, scene.cameras[settings.camera].film_size) {
             (settings.width, settings.height) = size;
         }
@@ -178,7 +208,7 @@ impl ViewArgs {
         let staging = self.staging([1, 1])?;
         staging.camera.index(&scene.cameras).ok_or_else(|| {
             let known = scene.cameras.iter().enumerate().map(|(i, c)| format!("{i} `{}`", c.name));
-            let wanted = self.camera.as_deref().unwrap_or_default();
+            let wanted = self.camera.join(", ");
             anyhow!("--camera {wanted}: is not in the scene, which has {}", known.collect::<Vec<_>>().join(", "))
         })
     }

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use exr::meta::attribute::{AttributeValue, Text};
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, ReadChannels as _, ReadLayers as _,
-    WritableImage as _,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, ImageAttributes, IntegerBounds, Layer, LayerAttributes,
+    ReadChannels as _, ReadLayers as _, Vec2, WritableImage as _,
 };
 
+use super::crop::Crop;
 use super::record::Record;
 use super::{Film, FilmError, MAX_PIXELS, replace};
 
@@ -20,6 +21,15 @@ pub struct Channel {
     pub values: Vec<f32>,
 }
 
+/// The place of a picture in the image that it is a part of: data window and display window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// The pixels of the picture in the image.
+    pub crop: Crop,
+    /// Columns and rows of the image.
+    pub size: [u32; 2],
+}
+
 /// All that an .exr of this program holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
@@ -29,6 +39,8 @@ pub struct Picture {
     pub channels: Vec<Channel>,
     /// Text attributes that are not part of the record, with their names.
     pub attributes: Vec<(String, String)>,
+    /// Where the picture lies in a larger image; none if it is whole.
+    pub window: Option<Window>,
     /// What made the picture, if that is known.
     pub record: Option<Record>,
 }
@@ -48,7 +60,7 @@ impl Picture {
         }
         let mut attributes = self.attributes.clone();
         attributes.extend(self.record.iter().flat_map(Record::attributes));
-        replace(path, &|temporary| write(temporary, &self.film, &self.channels, &attributes))
+        replace(path, &|temporary| write(temporary, &self.film, &self.channels, &attributes, self.window))
     }
 
     /// Reads an .exr (half or float; the first layer that has R, G and B).
@@ -80,6 +92,7 @@ pub(super) fn write(
     film: &Film,
     channels: &[Channel],
     attributes: &[(String, String)],
+    window: Option<Window>,
 ) -> Result<(), String> {
     let of_film = |name: &str, c: usize| {
         AnyChannel::new(name, FlatSamples::F32(film.pixels.iter().map(|pixel| pixel[c]).collect()))
@@ -93,6 +106,11 @@ pub(super) fn write(
         AnyChannels::sort(all.into()),
     );
     let mut image = Image::from_layer(layer);
+    if let Some(Window { crop, size }) = window {
+        image.layer_data.attributes.layer_position = Vec2(crop.x as i32, crop.y as i32);
+        let size = Vec2(size[0] as usize, size[1] as usize);
+        image.attributes.display_window = IntegerBounds::from_dimensions(size);
+    }
     let texts = attributes.iter().map(|(name, text)| (latin1(name), AttributeValue::Text(latin1(text))));
     image.attributes.other.extend(texts);
     image.write().to_file(path).map_err(|e| e.to_string())
@@ -137,7 +155,18 @@ pub(super) fn read(path: &Path) -> Result<Picture, String> {
     let mut attributes: Vec<_> = attributes.into_iter().filter(|(name, _)| !Record::owns(name)).collect();
     attributes.sort();
     let film = Film { width: layer.size.width() as u32, height: layer.size.height() as u32, pixels };
-    Ok(Picture { film, channels, attributes, record })
+    let window = window(&image.attributes, &layer.attributes, &film);
+    Ok(Picture { film, channels, attributes, window, record })
+}
+
+/// Returns where a picture lies in its display window; none if it fills the window, or leaves it.
+fn window(image: &ImageAttributes, layer: &LayerAttributes, film: &Film) -> Option<Window> {
+    let (shown, own) = (image.display_window, layer.layer_position - image.display_window.position);
+    let [x, y] = [own.x(), own.y()].map(u32::try_from);
+    let crop = Crop { x: x.ok()?, y: y.ok()?, width: film.width, height: film.height };
+    let [Ok(width), Ok(height)] = [shown.size.width(), shown.size.height()].map(u32::try_from) else { return None };
+    let part = crop != Crop::whole(width, height) && crop.fits(width, height);
+    part.then_some(Window { crop, size: [width, height] })
 }
 
 #[cfg(test)]
@@ -155,7 +184,7 @@ mod tests {
         let channels = vec![Channel { name: "depth.Z".to_owned(), values }];
         let attributes = vec![("note".to_owned(), "größer".to_owned())];
         let record = Record { command: "a \u{4e00}".to_owned(), ranges: vec![], ..Record::default() };
-        let mut picture = Picture { film, channels, attributes, record: Some(record) };
+        let mut picture = Picture { film, channels, attributes, window: None, record: Some(record) };
         picture.save(&path).unwrap();
         assert_eq!(Picture::load(&path).unwrap().record, None, "a record without a range is none");
         picture.record = Some(Record {
@@ -166,6 +195,13 @@ mod tests {
         picture.record.as_mut().unwrap().command = "a \\u{4e00}".to_owned();
         assert_eq!(Picture::load(&path).unwrap(), picture);
         assert_eq!(picture.channel("depth.Z").map(|z| z[3]), Some(1.0));
+        picture.window = Some(Window { crop: Crop { x: 4, y: 5, width: 3, height: 2 }, size: [9, 7] });
+        picture.save(&path).unwrap();
+        assert_eq!(Picture::load(&path).unwrap(), picture);
+        let meta = exr::meta::MetaData::read_from_file(&path, false).unwrap();
+        let (data, shown) =
+            (meta.headers[0].own_attributes.layer_position, meta.headers[0].shared_attributes.display_window);
+        assert_eq!((data, shown), (Vec2(4, 5), IntegerBounds::from_dimensions((9, 7))));
 
         picture.channels[0].values.pop();
         assert!(picture.save(&path).unwrap_err().to_string().contains("depth.Z has 5 values"));

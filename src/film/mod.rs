@@ -5,6 +5,7 @@
 //! curve. Files are written under a temporary name and then renamed, so that no reader sees an incomplete
 //! file.
 
+pub mod crop;
 pub mod cryptomatte;
 pub mod exr;
 pub mod oidn;
@@ -95,7 +96,7 @@ impl Film {
         };
         self.check_pixels(path)?;
         replace(path, &|temporary| {
-            if png { self.write_png(temporary, encode(self)) } else { exr::write(temporary, self, &[], &[]) }
+            if png { self.write_png(temporary, encode(self)) } else { exr::write(temporary, self, &[], &[], None) }
         })
     }
 

@@ -11,6 +11,7 @@ use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
 use super::sampler::Sampler;
 use super::{Reference, ReferenceSettings};
+use crate::film::crop::Crop;
 use crate::scene::Geometry;
 
 /// Distance where nothing is hit.
@@ -68,10 +69,20 @@ impl Reference<'_> {
     /// Panics if the scene has no camera of that index.
     #[must_use]
     pub fn aovs(&self, settings: &ReferenceSettings) -> Aovs {
-        let ReferenceSettings { width, height, samples, .. } = *settings;
+        self.aovs_within(settings, Crop::whole(settings.width, settings.height))
+    }
+
+    /// Returns the same of a part of the image.
+    ///
+    /// # Panics
+    /// Panics if the scene has no camera of that index.
+    #[must_use]
+    pub fn aovs_within(&self, settings: &ReferenceSettings, region: Crop) -> Aovs {
+        let samples = settings.samples;
         let instances = self.instances_of_triangles();
+        let pixels: Vec<u32> = region.pixels(settings.width).collect();
         let pixels: Vec<Pixel> =
-            (0..width * height).into_par_iter().map(|pixel| self.aovs_of(settings, pixel, &instances)).collect();
+            pixels.into_par_iter().map(|pixel| self.aovs_of(settings, pixel, &instances)).collect();
         let mean = |value: &dyn Fn(&Pixel) -> Vec3| -> Vec<[f32; 3]> {
             pixels.iter().map(|pixel| (value(pixel) / samples as f32).to_array()).collect()
         };

@@ -33,6 +33,7 @@ use glam::{Vec2, Vec3};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
 use crate::film::Film;
+use crate::film::crop::Crop;
 use crate::scene::{Camera, Geometry, Material, Scene, Sides};
 
 use self::bvh::{Bvh, Hit, NONE};
@@ -134,17 +135,18 @@ impl<'s> Reference<'s> {
         ReferenceOutput { film: rounds.film(), non_finite: rounds.non_finite, rays: rounds.rays }
     }
 
-    /// Adds a range of samples of each pixel's sequence to the pixel's sum, in sequence order. Returns the
+    /// Adds a range of samples of each pixel's sequence to the sum of the pixels of a region, in sequence order. Returns the
     /// number of samples that were not finite and the number of rays. Panics if the scene has no camera of
     /// that index.
     fn add_range(
         &self,
         settings: &ReferenceSettings,
+        region: Crop,
         samples: &Range<u32>,
         sums: &mut [[f64; 3]],
         progress: &(dyn Fn(u64, u64) + Sync),
     ) -> [u64; 2] {
-        let ReferenceSettings { width, height, .. } = *settings;
+        let Crop { width, height, .. } = region;
         let rays = self.rays(settings);
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let total = u64::from(width) * u64::from(height);
@@ -158,8 +160,9 @@ impl<'s> Reference<'s> {
                 for x in x0..x1 {
                     let mut sum = before[(y * width + x) as usize];
                     for sample in samples.clone() {
-                        let mut sampler = Sampler::new(settings.seed, y * width + x, sample);
-                        let at = Vec2::new(x as f32, y as f32) + sampler.pair();
+                        let (column, row) = (region.x + x, region.y + y);
+                        let mut sampler = Sampler::new(settings.seed, row * settings.width + column, sample);
+                        let at = Vec2::new(column as f32, row as f32) + sampler.pair();
                         let (origin, direction) = rays.ray(at, &mut sampler);
                         let path = self.path(origin, direction, settings.bounces, &mut sampler);
                         tile.non_finite += u64::from(!path.radiance.is_finite());

@@ -4,10 +4,13 @@ use std::ops::Range;
 
 use super::{Reference, ReferenceSettings};
 use crate::film::Film;
+use crate::film::crop::Crop;
 
 /// The mean of all samples so far, bit for bit the same as if they were rendered in one round.
 pub struct Rounds {
     settings: ReferenceSettings,
+    /// The pixels of the image that are rendered.
+    region: Crop,
     sum: Vec<[f64; 3]>,
     /// Number of the first sample in the sequence, and of the next one.
     range: Range<u32>,
@@ -21,22 +24,23 @@ impl Rounds {
     /// Creates a picture without samples. `settings.samples` is not used.
     #[must_use]
     pub fn new(settings: ReferenceSettings) -> Self {
-        Self::starting_at(settings, 0)
+        Self::starting_at(settings, Crop::whole(settings.width, settings.height), 0)
     }
 
-    /// Creates a picture without samples that begins with the sample `first` of the sequence, from 0.
+    /// Creates a picture of a part of the image without samples that begins with the sample `first` of the sequence,
+    /// from 0.
     #[must_use]
-    pub fn starting_at(settings: ReferenceSettings, first: u32) -> Self {
-        let pixels = settings.width as usize * settings.height as usize;
-        Self { settings, sum: vec![[0.0; 3]; pixels], range: first..first, non_finite: 0, rays: 0 }
+    pub fn starting_at(settings: ReferenceSettings, region: Crop, first: u32) -> Self {
+        let pixels = region.width as usize * region.height as usize;
+        Self { settings, region, sum: vec![[0.0; 3]; pixels], range: first..first, non_finite: 0, rays: 0 }
     }
 
     /// Creates the picture of the samples `range`, whose sum of each pixel is known. None if there is another
     /// number of pixels.
     #[must_use]
-    pub fn from_sums(settings: ReferenceSettings, range: Range<u32>, sum: Vec<[f64; 3]>) -> Option<Self> {
-        let whole = sum.len() == settings.width as usize * settings.height as usize;
-        whole.then_some(Self { settings, sum, range, non_finite: 0, rays: 0 })
+    pub fn from_sums(settings: ReferenceSettings, region: Crop, range: Range<u32>, sum: Vec<[f64; 3]>) -> Option<Self> {
+        let whole = sum.len() == region.width as usize * region.height as usize;
+        whole.then_some(Self { settings, region, sum, range, non_finite: 0, rays: 0 })
     }
 
     /// Returns the sum of each pixel's samples.
@@ -61,7 +65,7 @@ impl Rounds {
     /// thread.
     pub fn add(&mut self, reference: &Reference, samples: u32, progress: &(dyn Fn(u64, u64) + Sync)) {
         let range = self.range.end..self.range.end + samples;
-        let [non_finite, rays] = reference.add_range(&self.settings, &range, &mut self.sum, progress);
+        let [non_finite, rays] = reference.add_range(&self.settings, self.region, &range, &mut self.sum, progress);
         self.range.end = range.end;
         self.non_finite += non_finite;
         self.rays += rays;
@@ -72,7 +76,7 @@ impl Rounds {
     pub fn film(&self) -> Film {
         let count = f64::from(self.samples().max(1));
         let pixels = self.sum.iter().map(|s| s.map(|v| (v / count) as f32)).collect();
-        Film { width: self.settings.width, height: self.settings.height, pixels }
+        Film { width: self.region.width, height: self.region.height, pixels }
     }
 }
 
@@ -94,6 +98,10 @@ mod tests {
         }
         assert_eq!((rounds.samples(), rounds.rays), (7, whole.rays));
         assert_eq!(rounds.film(), whole.film, "sums have one order");
+        let region = Crop { x: 5, y: 2, width: 4, height: 3 };
+        let mut part = Rounds::starting_at(settings, region, 0);
+        part.add(&reference, 7, &|_, _| ());
+        assert_eq!(part.film(), whole.film.clone().cropped(Some(region)), "a part has the pixels of the whole");
         let other = reference.render(&ReferenceSettings { seed: 4, ..settings }, &|_, _| ());
         assert_ne!(other.film, whole.film, "samples do differ");
     }

@@ -9,6 +9,7 @@
 use crate::gpu::Gpu;
 use crate::render::renderer::RenderError;
 use crate::render::state::TileState;
+use crate::settings::Settings;
 
 /// Pixels along a side of a tile (shaders/lib/pixels/converged.wesl).
 pub const TILE: u32 = crate::render::layouts::tile::TILE_SIDE;
@@ -112,9 +113,12 @@ impl Tiles {
     }
 }
 
-/// The mask of converged tiles that shaders read, and the samples that each tile has taken.
+/// The mask of converged tiles that shaders read, and the samples that each tile has taken. Tiles outside a crop
+/// count as converged from the beginning.
 pub struct ConvergedTiles {
     grid: [u32; 2],
+    /// True for tiles without a pixel of the crop.
+    outside: Vec<bool>,
     words: wgpu::Buffer,
     converged: Vec<bool>,
     /// Samples of each tile at the last write of the mask.
@@ -124,13 +128,17 @@ pub struct ConvergedTiles {
 }
 
 impl ConvergedTiles {
-    /// Creates a mask with no converged tiles.
+    /// Creates the mask of a picture without samples.
     #[must_use]
-    pub fn new(gpu: &Gpu, width: u32, height: u32) -> Self {
-        let grid = grid(width, height);
-        let count = grid[0] as usize * grid[1] as usize;
-        let words = gpu.storage("converged", bytes(width, height));
-        Self { grid, words, converged: vec![false; count], taken: vec![0; count], since: 0 }
+    pub fn new(gpu: &Gpu, settings: &Settings) -> Self {
+        let Settings { width, height, .. } = *settings;
+        let ([columns, rows], crop) = (grid(width, height), settings.region());
+        let tiles = (0..rows).flat_map(|row| (0..columns).map(move |column| [column, row]));
+        let outside: Vec<bool> = tiles.map(|tile| !crop.touches(tile, TILE)).collect();
+        let (words, taken) = (gpu.storage("converged", bytes(width, height)), vec![0; outside.len()]);
+        let this = Self { grid: [columns, rows], words, converged: outside.clone(), outside, taken, since: 0 };
+        this.upload(gpu);
+        this
     }
 
     /// Writes the mask when the picture has `samples` samples.
@@ -151,8 +159,13 @@ impl ConvergedTiles {
         Ok(())
     }
 
+    /// Clears the mask on the device until [`Self::upload`], for a pass that needs all pixels.
+    pub fn suspend(&self, gpu: &Gpu) {
+        gpu.queue.write_buffer(&self.words, 0, &vec![0; self.words.size() as usize]);
+    }
+
     /// Writes the mask to the device.
-    fn upload(&self, gpu: &Gpu) {
+    pub fn upload(&self, gpu: &Gpu) {
         let words: Vec<u32> = self.converged.iter().map(|&converged| u32::from(converged)).collect();
         gpu.queue.write_buffer(&self.words, 0, bytemuck::cast_slice(&words));
     }
@@ -180,10 +193,10 @@ impl ConvergedTiles {
 
     /// Clears the mask and the counts for a new picture.
     pub fn restart(&mut self, gpu: &Gpu) {
-        gpu.queue.write_buffer(&self.words, 0, &vec![0; self.words.size() as usize]);
-        self.converged.fill(false);
+        self.converged.clone_from(&self.outside);
         self.taken.fill(0);
         self.since = 0;
+        self.upload(gpu);
     }
 
     /// Returns the samples that a pixel has taken when the picture, `width` pixels wide, has `samples`.

@@ -23,6 +23,7 @@
 use std::collections::VecDeque;
 
 use crate::film::Film;
+use crate::film::crop::Crop;
 use crate::metrics::{CompareError, DARK, rel_mse_of_tiles};
 use crate::render::adaptive_sampling::{TILE, Tiles};
 
@@ -63,6 +64,12 @@ impl BiasFilms {
     #[must_use]
     pub fn scaled(&self, factor: f32) -> Self {
         Self { side: self.side, unfiltered: self.unfiltered.scaled(factor), twice: self.twice.scaled(factor) }
+    }
+
+    /// Returns the pixels of a crop; without one, the films.
+    #[must_use]
+    pub fn cropped(self, crop: Option<Crop>) -> Self {
+        Self { side: self.side, unfiltered: self.unfiltered.cropped(crop), twice: self.twice.cropped(crop) }
     }
 }
 

@@ -175,7 +175,7 @@ pub trait Renderer {
     #[must_use]
     fn is_adaptive(&self) -> bool;
 
-    /// Reads the picture so far: the mean of each pixel's samples, or the denoised frames.
+    /// Reads the picture so far, or the crop of it: the mean of each pixel's samples, or the denoised frames.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
@@ -297,7 +297,8 @@ pub(crate) fn read_film<'a>(
         let count = converged.map_or(samples, |converged| converged.taken(pixel, settings.width, samples)).max(1);
         [0, 1, 2].map(|c| ((f64::from(sum[c]) - f64::from(lost[c])) / count as f64) as f32)
     };
-    Ok(Film { width: settings.width, height: settings.height, pixels: sums.iter().enumerate().map(pixel).collect() })
+    let pixels = sums.iter().enumerate().map(pixel).collect();
+    Ok(Film { width: settings.width, height: settings.height, pixels }.cropped(settings.crop))
 }
 
 #[cfg(test)]

@@ -130,7 +130,7 @@ impl Frame {
         let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
         Self {
             passes: Passes::new(gpu, scene, plan, settings, directions.is_some()),
-            pixels: PixelBuffers::new(gpu, plan, bundle_pdfs),
+            pixels: PixelBuffers::new(gpu, plan, settings, bundle_pdfs),
             denoiser: plan.is_layered().then(|| Denoiser::new(gpu, &plan.denoise(), settings.samples_per_seen_lobe())),
             directions,
             light_points: Vec::new(),

@@ -9,6 +9,7 @@ use crate::render::adaptive_sampling::ConvergedTiles;
 use crate::render::interleave::Region;
 use crate::render::layouts;
 use crate::render::shared::plan::FramePlan;
+use crate::settings::Settings;
 
 /// Buffers per pixel that all regions share, and the buffers of each region.
 pub struct PixelBuffers {
@@ -46,7 +47,7 @@ pub struct Band<'a> {
 impl PixelBuffers {
     /// Allocates the buffers of a plan.
     #[must_use]
-    pub fn new(gpu: &Gpu, plan: &FramePlan, bundle_pdfs: &[f32]) -> Self {
+    pub fn new(gpu: &Gpu, plan: &FramePlan, settings: &Settings, bundle_pdfs: &[f32]) -> Self {
         let (grid, glossy, transmits) = (&plan.grid, plan.glossy(), plan.transmits());
         let own = |region: Region| RegionBuffers {
             region,
@@ -63,7 +64,7 @@ impl PixelBuffers {
             shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(&plan.surface_flags)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
             bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
-            converged: plan.adaptive.then(|| ConvergedTiles::new(gpu, grid.size[0], grid.size[1])),
+            converged: plan.skips_tiles.then(|| ConvergedTiles::new(gpu, settings)),
         }
     }
 

@@ -193,7 +193,10 @@ impl<'gpu> SharedRenderer<'gpu> {
         }
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
         let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
+        // The importance of a light is that for the whole image, also if a crop is rendered.
+        frame.pixels.converged.iter().for_each(|converged| converged.suspend(gpu));
         let importance = frame.light_importance(&iteration)?;
+        frame.pixels.converged.iter().for_each(|converged| converged.upload(gpu));
         self.lights.mix_importance(&importance);
         self.scene.relight(self.gpu, &self.lights);
         // Cached light points hold the probabilities of the view before.
@@ -428,7 +431,7 @@ impl Renderer for SharedRenderer<'_> {
 
     fn film(&self) -> Result<Film, RenderError> {
         match &self.frame.denoiser {
-            Some(denoiser) => Ok(denoiser.film(self.gpu)?),
+            Some(denoiser) => Ok(denoiser.film(self.gpu)?.cropped(self.settings.crop)),
             None => {
                 let pixels = &self.frame.pixels;
                 let samples = self.samples - self.first;
@@ -438,7 +441,8 @@ impl Renderer for SharedRenderer<'_> {
     }
 
     fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
-        Ok(self.frame.denoiser.as_ref().map_or(Ok(None), |denoiser| denoiser.bias_films(self.gpu))?)
+        let films = self.frame.denoiser.as_ref().map_or(Ok(None), |denoiser| denoiser.bias_films(self.gpu))?;
+        Ok(films.map(|films| films.cropped(self.settings.crop)))
     }
 
     fn stats(&self) -> RenderStats {

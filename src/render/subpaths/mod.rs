@@ -166,7 +166,7 @@ impl<'gpu> PathRenderer<'gpu> {
                 log: gpu.storage("log", 16),
                 light: bidirectional
                     .then(|| (gpu.storage("path_vertices", plan.vertex_bytes), gpu.storage("splats", pixels * 24))),
-                converged: settings.is_adaptive().then(|| ConvergedTiles::new(gpu, settings.width, settings.height)),
+                converged: settings.skips_tiles().then(|| ConvergedTiles::new(gpu, settings)),
             },
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes + deformer.bytes(), ..Default::default() },

@@ -86,7 +86,7 @@ fn flags(scene: &Scene, stats: &SceneStats, settings: &Settings, light_sampling:
         (Flag::LightPaths, settings.method() == Method::Bdpt),
         (Flag::LightTree, light_sampling.has_tree()),
         (Flag::Reservoirs, light_sampling.resamples()),
-        (Flag::Adaptive, settings.is_adaptive()),
+        (Flag::Adaptive, settings.skips_tiles()),
     ]);
     [surface_flags(stats), light_flags(stats), own].concat()
 }
@@ -110,7 +110,11 @@ fn passes(stats: &SceneStats, settings: &Settings, light_sampling: LightSampling
     } else {
         "a path per pixel, connected with lights"
     };
-    let film = if settings.is_adaptive() { "film, except tiles that have converged" } else { "film" };
+    let film = match (settings.is_adaptive(), settings.skips_tiles()) {
+        (true, _) => "film, except tiles that have converged",
+        (_, true) => "film, except tiles outside the crop",
+        _ => "film",
+    };
     let mut passes = PlannedPass::of_upload(stats);
     passes.extend([
         row("light_paths", if bidirectional { runs } else { 0 }, light_paths),
@@ -131,7 +135,7 @@ fn pixel_bytes(settings: &Settings, light_sampling: LightSampling) -> u64 {
         _ => 0,
     };
     let splats = if settings.method() == Method::Bdpt { 24 } else { 0 };
-    let converged = if settings.is_adaptive() { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
+    let converged = if settings.skips_tiles() { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
     converged + pixels * (16 + film::DEVICE_BYTES + resampling + splats)
 }
 

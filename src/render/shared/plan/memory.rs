@@ -63,7 +63,7 @@ impl FramePlan {
             + layouts::Shading::bytes(&self.surface_flags)
             + radiance;
         let film = if layered { self.denoise().bytes() } else { pixels * film::DEVICE_BYTES };
-        let converged = if self.adaptive { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
+        let converged = if self.skips_tiles { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
         let reservoirs = if self.reuses() { 2 * size_of::<layouts::PixelReservoir>() as u64 } else { 0 };
         // The G-buffer takes 8 bytes a pixel, with its depth.
         let gbuffer = if self.traces_camera { 0 } else { 8 };

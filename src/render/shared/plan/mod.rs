@@ -157,6 +157,8 @@ pub struct FramePlan {
     pub cost: Cost,
     /// True if converged tiles take no more samples.
     pub adaptive: bool,
+    /// True if tiles that have converged, or that lie outside a crop, are left out.
+    pub skips_tiles: bool,
     /// True if direct light has no noise, so that it bypasses the filter.
     pub clear_light: bool,
     /// True if a filter averages the pixels of a square.
@@ -241,6 +243,7 @@ impl FramePlan {
             interleave: String::new(),
             cost: Cost::default(),
             adaptive: false,
+            skips_tiles: false,
             clear_light: stats.emissive_triangles == 0
                 && stats.blended_triangles == 0
                 && lights == stats.sharp_lights
@@ -284,7 +287,8 @@ impl FramePlan {
         self.filtered = self.grid.side > 1 && !settings.unfiltered;
         self.measures_bias =
             settings.target_error.is_some() && self.filtered && !settings.tame_outliers && settings.upsample == 1;
-        self.adaptive = settings.target_error.is_some() && !self.is_layered();
+        self.skips_tiles = settings.skips_tiles() && !self.is_layered();
+        self.adaptive = self.skips_tiles && settings.crop.is_none();
         self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;
         let usual = if self.has_candidates() && !self.reuses() {
             CANDIDATE_BAND_PIXELS
@@ -370,7 +374,7 @@ impl FramePlan {
     /// Returns the flags of shaders that skip converged tiles.
     #[must_use]
     pub fn adaptive_flags(&self) -> &'static [Flag] {
-        if self.adaptive { &[Flag::Adaptive] } else { &[] }
+        if self.skips_tiles { &[Flag::Adaptive] } else { &[] }
     }
 
     /// True if shaders have code for lobes beside the diffuse one.

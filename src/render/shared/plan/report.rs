@@ -147,10 +147,11 @@ impl FramePlan {
         } else {
             format!("strategies (s, t): {}", self.strategy_names())
         };
-        let to = match (self.is_layered(), self.adaptive) {
-            (true, _) => "layers of the frame, which are denoised",
-            (false, true) => "film, except tiles that have converged",
-            (false, false) => "film",
+        let to = match (self.is_layered(), self.adaptive, self.skips_tiles) {
+            (true, ..) => "layers of the frame, which are denoised",
+            (false, true, _) => "film, except tiles that have converged",
+            (false, _, true) => "film, except tiles outside the crop",
+            (false, ..) => "film",
         };
         let lengths = if self.list_lengths { "in place of light" } else { "not asked for" };
         vec![
