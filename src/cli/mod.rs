@@ -1,7 +1,7 @@
 //! Command line: `render`, `view`, `merge`, `denoise`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
-//! Results go to stdout or to the requested files; warnings, notes, progress and the closing line go to
-//! stderr.
+//! Results and lines of `--json-progress` go to stdout or to the requested files; warnings, notes, progress and
+//! the closing line go to stderr.
 //!
 //! | exit code | meaning |
 //! |---|---|
@@ -18,6 +18,8 @@ mod denoise;
 mod interrupt;
 mod merge;
 mod output;
+mod preview;
+mod progress;
 mod reference_renderer;
 mod render;
 mod stress;

@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use lightsheaf::film::Film;
 use lightsheaf::film::crop::Crop;
@@ -28,6 +27,8 @@ use super::aov::LayerArgs;
 use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
 use super::output;
+use super::preview::{self, Preview};
+use super::progress::{Progress, Reporter};
 use super::reference_renderer::ReferenceRenderer;
 use super::view::{self, ANIMATION, GradeArgs, Turn, View, ViewArgs};
 
@@ -103,6 +104,13 @@ pub struct RenderArgs {
     /// to the picture of all of them. Excludes --samples, --budget and --target-error
     #[arg(long, value_name = "A..B", value_parser = SampleRange::parse, conflicts_with_all = ["samples", "budget", "target_error", "strategy_images"])]
     pub sample_range: Option<SampleRange>,
+    /// Print progress and the end of each picture to stdout as lines of JSON, for programs, in place of the bar
+    #[arg(long)]
+    json_progress: bool,
+    /// Send the picture to a viewer once a second while it is rendered, by the protocol of tev (port 14158), which
+    /// HDRView speaks, too. Without a viewer the render goes on
+    #[arg(long, value_name = "HOST:PORT", value_parser = preview::parse_address)]
+    preview: Option<String>,
     /// Print neither progress nor the closing line. Warnings and errors are still printed
     #[arg(short, long)]
     quiet: bool,
@@ -112,6 +120,11 @@ impl RenderArgs {
     /// True if an output file is a .png.
     fn writes_png(&self) -> bool {
         self.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
+    }
+
+    /// Returns the name of the picture in a viewer.
+    fn shown_name(&self) -> String {
+        self.output[0].file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 
     /// Returns the arguments of each camera's picture, whose word on the command line replaces `{camera}` in the
@@ -263,6 +276,8 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
 /// Renders the pictures of one camera. The device is opened if there is none, and kept.
 fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Option<Gpu>>) -> Result<()> {
     let (grade, frames) = (OnceCell::new(), frames(args)?);
+    let preview = RefCell::new(args.preview.as_ref().map(|address| Preview::connect(address, args.shown_name())));
+    let preview = &preview;
     let began = Instant::now();
     if frames.is_empty() {
         let View { scene, mut settings, animations } = args.view.load()?;
@@ -277,8 +292,20 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
         return go_on_after_losses(&|| kept.saved.borrow().as_ref().map_or(0, |saved| saved.samples), &mut || {
             let began = Instant::now();
             let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
-            let job =
-                Job { args, interrupt, grade, load, began, scene, settings, animations, frame: None, all: 1, kept };
+            let job = Job {
+                args,
+                interrupt,
+                grade,
+                preview,
+                load,
+                began,
+                scene,
+                settings,
+                animations,
+                frame: None,
+                all: 1,
+                kept,
+            };
             job.run(gpu.as_ref(), &mut None)?;
             device.replace(gpu);
             Ok(())
@@ -316,7 +343,7 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
         }
         let (scene, settings, animations) = (&scene, &settings, &animations);
         let (grade, kept, frame) = (&grade, &Kept::default(), Some(frame));
-        let job = Job { args, interrupt, grade, load, began, scene, settings, animations, frame, all, kept };
+        let job = Job { args, interrupt, grade, preview, load, began, scene, settings, animations, frame, all, kept };
         job.run(gpu.as_ref(), &mut renderer)?;
     }
     drop(renderer);
@@ -436,6 +463,7 @@ struct Job<'a> {
     interrupt: &'a Interrupt,
     /// Exposure and tone curve of .png files. With `--frames` all frames use the exposure of the first one.
     grade: &'a OnceCell<Grade>,
+    preview: &'a RefCell<Option<Preview>>,
     /// Seconds that loading took.
     load: f64,
     /// Start of the setup.
@@ -471,11 +499,11 @@ impl Job<'_> {
             }
             None => renderer.insert(render::open(gpu, self.scene, self.settings)?),
         };
-        let (film, stats) = self.progressive(Some(gpu), renderer.as_mut())?;
+        let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };
         let samples = stats.samples;
-        self.finish(&film, stats)?;
+        self.finish(&film, stats, reporter)?;
         self.strategy_images(&mut |only| {
             renderer.set_only(Some(only))?;
             renderer.render(samples, &mut |_| !self.interrupt.requested())?;
@@ -489,25 +517,24 @@ impl Job<'_> {
         let Some(folder) = &self.args.strategy_images else { return Ok(()) };
         let all = [true, false].into_iter().flat_map(|weighted| OnlyStrategy::all(self.settings.bounces, weighted));
         let all: Vec<_> = all.filter(|only| self.settings.technique.has_strategy(only.s, only.t)).collect();
-        let bar = self.bar(all.len() as u64);
-        for only in all {
+        let mut bar = self.reporter();
+        for (n, only) in (0..).zip(&all) {
             if self.interrupt.requested() {
                 break;
             }
-            bar.set_message(only.name());
-            let film = render(only)?;
+            bar.count(&only.name(), n, all.len() as u64);
+            let film = render(*only)?;
             if !self.interrupt.requested() {
                 film.save(folder.join(only.name()).with_extension("exr"))?;
             }
-            bar.inc(1);
         }
-        bar.finish_and_clear();
+        bar.clear(None);
         Ok(())
     }
 
     /// Renders until the number of samples, the target error or the end of the budget is reached, or until a
     /// signal.
-    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>)> {
+    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>, Reporter)> {
         if let Some(range) = self.args.sample_range {
             renderer.begin_at(range.first - 1)?;
         }
@@ -524,7 +551,8 @@ impl Job<'_> {
             }
         };
         let non_finite_after = gpu.map_or(Ok(Vec::new()), |gpu| gpu.non_finite.counts(gpu))?;
-        progress.bar.finish_and_clear();
+        progress.reporter.clear(progress.convergence.as_ref().and_then(Convergence::error));
+        self.preview.borrow_mut().iter_mut().for_each(|preview| preview.show(&film));
         let render = progress.seconds();
         if ended_by == Ending::Budget
             && let Some(seconds) = progress.clock.as_ref().and_then(Clock::slow_start)
@@ -543,8 +571,8 @@ impl Job<'_> {
             device: device_name(gpu),
             samples,
             ended_by,
-            estimated_error: progress.convergence.as_ref().and_then(|(_, convergence)| convergence.error()),
-            taken: progress.convergence.as_ref().map(|_| progress.taken as f64 / all.max(1) as f64),
+            estimated_error: progress.target.and(progress.convergence.as_ref()).and_then(Convergence::error),
+            taken: progress.target.map(|_| progress.taken as f64 / all.max(1) as f64),
             seconds: Seconds { load: self.load, setup, render },
             bytes,
             scene_bytes: scene_bytes + tracer_bytes,
@@ -555,7 +583,7 @@ impl Job<'_> {
             passes,
             ..self.empty_stats()
         };
-        Ok((film, stats))
+        Ok((film, stats, progress.reporter))
     }
 
     /// Returns the factor by which radiance is multiplied before its error is estimated. By default dark
@@ -567,21 +595,11 @@ impl Job<'_> {
         if by_default { auto_exposure(film).max(0.0).exp2() } else { 1.0 }
     }
 
-    /// Shows the progress: time with a budget alone, otherwise the number of samples.
-    fn show_samples(&self, bar: &ProgressBar, samples: u64, began: Instant) {
-        if self.settings.budget.is_some() && self.settings.target_error.is_none() {
-            bar.set_position(began.elapsed().as_millis() as u64);
-            bar.set_message(format!("{samples} samples"));
-        } else {
-            bar.set_position(samples);
-        }
-    }
-
     /// Renders by the reference and writes the picture.
     fn reference(&self) -> Result<()> {
         let mut renderer = ReferenceRenderer::new(self.scene, self.settings);
-        let (film, stats) = self.progressive(None, &mut renderer)?;
-        self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats })
+        let (film, stats, reporter) = self.progressive(None, &mut renderer)?;
+        self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats }, reporter)
     }
 
     /// Returns the statistics that are known before the render.
@@ -617,24 +635,16 @@ impl Job<'_> {
         }
     }
 
-    /// Creates a progress bar, which is visible on a terminal only.
-    fn bar(&self, total: u64) -> ProgressBar {
-        if self.args.quiet {
-            return ProgressBar::hidden();
-        }
-        let (total, template) = match self.settings.budget {
-            _ if self.settings.target_error.is_some() => {
-                (0, "{prefix}{pos} samples, {elapsed}, estimated rel_mse {msg}")
-            }
-            Some(seconds) => ((seconds * 1000.0) as u64, "{prefix}{bar:40} {msg}, {elapsed} of the budget"),
-            None => (total, "{prefix}{bar:40} {pos}/{len} samples, {per_sec}, {eta} left"),
-        };
-        let bar = ProgressBar::new(total);
-        if let Some(frame) = self.frame {
-            bar.set_prefix(format!("frame {}, one of {} ", frame.number, self.all));
-        }
-        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar
+    /// Returns the files of the picture.
+    fn files(&self) -> Vec<PathBuf> {
+        let named = |path: &PathBuf| self.frame.map_or_else(|| path.clone(), |frame| numbered(path, frame.number));
+        self.args.output.iter().map(named).collect()
+    }
+
+    /// Returns what shows the progress.
+    fn reporter(&self) -> Reporter {
+        let prefix = self.frame.map(|frame| format!("frame {}, one of {} ", frame.number, self.all));
+        Reporter::new(self.args.quiet, prefix.unwrap_or_default(), self.args.json_progress.then(|| self.files()))
     }
 
     /// Describes the number of samples and the end of the render for the closing line.
@@ -657,7 +667,7 @@ impl Job<'_> {
     }
 
     /// Writes the image files and the statistics, and prints the closing line.
-    fn finish(&self, film: &Film, mut stats: Stats) -> Result<()> {
+    fn finish(&self, film: &Film, mut stats: Stats, mut reporter: Reporter) -> Result<()> {
         if stats.non_finite > 0 {
             let first = stats.non_finite_after.iter().find(|(_, count)| *count > 0);
             let first = first.map(|(pass, _)| format!(", first after the pass {pass}")).unwrap_or_default();
@@ -667,7 +677,7 @@ impl Job<'_> {
             );
         }
         let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
-        let paths: Vec<PathBuf> = self.args.output.iter().map(|path| named(path)).collect();
+        let paths = self.files();
         let (exposure, tonemap) = self.args.grade.chosen();
         let picture = self.picture(film)?;
         let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
@@ -709,7 +719,13 @@ impl Job<'_> {
             // The picture is complete. There is no checkpoint if the render ended before the first one.
             let _ = std::fs::remove_file(checkpoint::path_of(&self.args.output[0]));
         }
+        reporter.end(stats.ended_by, stats.samples, stats.seconds.render);
         Ok(())
+    }
+
+    /// True if a viewer should see the picture as it is now.
+    fn preview_is_due(&self) -> bool {
+        self.preview.borrow().as_ref().is_some_and(Preview::is_due)
     }
 
     /// Says how an interrupted render goes on.
@@ -842,7 +858,7 @@ impl Keeper {
 struct ProgressiveRender<'a> {
     job: &'a Job<'a>,
     renderer: &'a mut dyn Renderer,
-    bar: ProgressBar,
+    reporter: Reporter,
     /// Start of the first sample.
     began: Instant,
     clock: Option<Clock>,
@@ -854,8 +870,10 @@ struct ProgressiveRender<'a> {
     samples: u64,
     /// Samples of all pixels together, without those of converged tiles.
     taken: u64,
-    /// Target and estimate of the error.
-    convergence: Option<(f64, Convergence)>,
+    /// Error at which the render ends.
+    target: Option<f64>,
+    /// Estimate of the error, if the render ends by it or somebody sees it.
+    convergence: Option<Convergence>,
     /// Factor of the radiance in the estimate of the error, from the first picture.
     error_scale: Option<f32>,
     /// True if converged tiles take no more samples.
@@ -876,13 +894,16 @@ impl<'a> ProgressiveRender<'a> {
         let Settings { samples, target_error, budget, .. } = *job.settings;
         let Crop { width, height, .. } = job.settings.region();
         let limited = target_error.is_some() || budget.is_some();
+        let reporter = job.reporter();
+        let estimates = target_error.is_some() || reporter.is_shown();
         let mut this = Self {
             began: Instant::now(),
-            bar: job.bar(samples.into()),
+            reporter,
             adaptive: renderer.is_adaptive() && job.args.strategy_images.is_none(),
             clock: budget.map(|seconds| Clock::new(seconds, saved.as_ref().map_or(0.0, |saved| saved.seconds))),
             end: u64::from(if limited { *SAMPLES.end() } else { samples }),
-            convergence: target_error.map(|target| (target, Convergence::new(width, height))),
+            target: target_error,
+            convergence: estimates.then(|| Convergence::new(width, height)),
             first: renderer.samples(),
             samples: 0,
             taken: 0,
@@ -896,8 +917,8 @@ impl<'a> ProgressiveRender<'a> {
             this.renderer.restore(&saved.state)?;
             (this.samples, this.taken, this.seconds_before) = (saved.samples, saved.taken, saved.seconds);
             this.error_scale = saved.error_scale;
-            if let (Some((_, convergence)), Some(saved)) = (&mut this.convergence, saved.convergence) {
-                *convergence = saved;
+            if let Some(saved) = saved.convergence {
+                this.convergence = Some(saved);
             }
         }
         Ok(this)
@@ -915,7 +936,7 @@ impl<'a> ProgressiveRender<'a> {
             taken: self.taken,
             seconds: self.seconds(),
             error_scale: self.error_scale,
-            convergence: self.convergence.as_ref().map(|(_, convergence)| convergence.clone()),
+            convergence: self.convergence.clone().filter(|_| self.target.is_some()),
             state: self.renderer.state()?,
         };
         if self.job.args.checkpoint.is_some() {
@@ -941,7 +962,7 @@ impl<'a> ProgressiveRender<'a> {
     /// Renders up to the next checkpoint of the error estimate, or to the end. Returns the reason if the
     /// budget or a signal ends the render.
     fn render_to_checkpoint(&mut self) -> Result<Option<Ending>, RenderError> {
-        let convergence = self.convergence.as_ref().map(|(_, convergence)| convergence);
+        let convergence = self.convergence.as_ref();
         let goal = convergence.map_or(self.end, |convergence| convergence.next_checkpoint().min(self.end));
         let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
         while self.samples < goal {
@@ -952,15 +973,35 @@ impl<'a> ProgressiveRender<'a> {
             };
             let Some(round) = round else { return Ok(Some(Ending::Budget)) };
             let before = self.samples;
-            self.renderer.render(round, &mut |all| {
-                self.samples = all - self.first;
-                self.job.show_samples(&self.bar, self.samples, self.began);
-                let used_up = self.clock.as_ref().is_some_and(Clock::is_used_up);
-                !used_up && !self.keeper.is_due() && !self.job.interrupt.requested()
+            let Self {
+                renderer,
+                samples,
+                first,
+                reporter,
+                keeper,
+                job,
+                began,
+                seconds_before,
+                target,
+                convergence,
+                clock,
+                end,
+                ..
+            } = self;
+            let ends = Ends { target: *target, convergence: convergence.as_ref(), clock: clock.as_ref(), end: *end };
+            renderer.render(round, &mut |all| {
+                *samples = all - *first;
+                reporter.show(ends.progress(*samples, *seconds_before + began.elapsed().as_secs_f64()));
+                let used_up = ends.clock.is_some_and(Clock::is_used_up);
+                !used_up && !keeper.is_due() && !job.preview_is_due() && !job.interrupt.requested()
             })?;
             self.taken += (self.samples - before) * pixels;
             if self.samples < self.end && self.job.interrupt.requested() {
                 return Ok(Some(Ending::Interrupt));
+            }
+            if self.samples < goal && self.job.preview_is_due() {
+                let film = self.renderer.film()?;
+                self.job.preview.borrow_mut().iter_mut().for_each(|preview| preview.show(&film));
             }
             if self.samples < goal && self.keeper.is_due() {
                 self.save()?;
@@ -973,21 +1014,52 @@ impl<'a> ProgressiveRender<'a> {
     /// reason if the render ends here; an interrupt has precedence over the target error.
     fn ending(&mut self, film: &Film, ended: Option<Ending>) -> Result<Option<Ending>, RenderError> {
         let mut ending = (self.samples >= self.end).then_some(Ending::Samples).or(ended);
-        let Some((target, convergence)) = &mut self.convergence else { return Ok(ending) };
+        let Some(convergence) = &mut self.convergence else { return Ok(ending) };
         let scale = *self.error_scale.get_or_insert_with(|| self.job.error_scale(film));
         let bias = self.renderer.bias_films()?.map(|films| films.scaled(scale));
         let error = convergence.update(self.samples, &film.scaled(scale), bias.as_ref());
-        if error.is_some_and(|error| error <= *target) {
+        let Some(target) = self.target else { return Ok(ending) };
+        if error.is_some_and(|error| error <= target) {
             ending = ending.filter(|ending| *ending == Ending::Interrupt).or(Some(Ending::TargetError));
         }
         if self.adaptive && ending.is_none() {
-            convergence.mark_converged(*target);
+            convergence.mark_converged(target);
             self.renderer.mark_converged(convergence.tiles().converged())?;
         }
-        if let Some(error) = error {
-            self.bar.set_message(format!("{error:.2e}"));
-        }
         Ok(ending)
+    }
+}
+
+/// What ends a render.
+struct Ends<'a> {
+    target: Option<f64>,
+    convergence: Option<&'a Convergence>,
+    clock: Option<&'a Clock>,
+    /// Number of samples at which it ends at the latest.
+    end: u64,
+}
+
+impl Ends<'_> {
+    /// Returns the progress of a picture.
+    fn progress(&self, samples: u64, seconds: f64) -> Progress {
+        let estimated_error = self.convergence.and_then(Convergence::error);
+        let by_samples = self.target.is_none() && self.clock.is_none();
+        let for_samples = |all: f64| seconds * (all - samples as f64) / samples.max(1) as f64;
+        let target = self.target.zip(self.convergence);
+        let at_target = target.and_then(|(target, convergence)| convergence.samples_to(target));
+        let left = [
+            by_samples.then(|| for_samples(self.end as f64)),
+            at_target.map(|all| for_samples(all).max(0.0)),
+            self.clock.map(|clock| clock.left().as_secs_f64()),
+        ];
+        Progress {
+            samples,
+            samples_end: by_samples.then_some(self.end),
+            seconds,
+            seconds_left: left.into_iter().flatten().reduce(f64::min),
+            estimated_error,
+            target_error: self.target,
+        }
     }
 }
 
@@ -1031,6 +1103,11 @@ impl Clock {
     /// True if no time is left.
     fn is_used_up(&self) -> bool {
         self.began.elapsed() >= self.budget
+    }
+
+    /// Returns the time that is left.
+    fn left(&self) -> Duration {
+        self.budget.saturating_sub(self.began.elapsed())
     }
 
     /// Returns the number of samples that fit into the remaining time at the rate since the first round, at most

@@ -117,6 +117,13 @@ impl Convergence {
         (FIRST * STEP.powi(self.checkpoints as i32)).round() as u64
     }
 
+    /// Returns the samples at which the estimate will reach a target, by the rate at which errors fall.
+    #[must_use]
+    pub fn samples_to(&self, target: f64) -> Option<f64> {
+        let (samples, _) = self.films.back()?;
+        Some(*samples as f64 * (self.error? / target).max(1.0).powf(1.0 / EXPONENT))
+    }
+
     /// Updates the estimate with the picture of `samples` samples and returns its rel_mse. None if there are
     /// too few pictures, or if values are not finite. The last picture of a render may have fewer samples
     /// than [`Self::next_checkpoint`]. `bias` are the films of
