@@ -17,6 +17,6 @@ quoted=$(printf ' %q' "$@")
 # shellcheck disable=SC2086
 array=$(sbatch --parsable --requeue --job-name=lightsheaf --array="1-$parts" --output="$folder/part_%a.log" ${SBATCH_ARGS:-} \
     --wrap "$(printf '%q ' "$here/part.sh" "$scene" "$folder" "$samples" "$parts")\$SLURM_ARRAY_TASK_ID$quoted")
-merge=$(sbatch --parsable --job-name=lightsheaf-merge --dependency="afterok:${array%%;*}" --output="$folder/merge.log" \
+merge=$(sbatch --parsable --job-name=lightsheaf-merge --dependency="afterok:${array%%;*}" --kill-on-invalid-dep=yes --output="$folder/merge.log" \
     --wrap "$(printf '%q ' "$here/merge.sh" "$folder" "$out" "$samples")")
 echo "parts: job $array; merge: job $merge"
