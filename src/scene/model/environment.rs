@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use glam::{Mat3, Vec3};
+use image::ImageDecoder as _;
 
 use crate::scene::model::error::LoadError;
-use crate::scene::model::texture::linear_from_srgb;
+use crate::scene::model::texture::{linear_from_srgb, reserve};
 
 /// Placement of the first and the last row of an equirectangular map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,8 +74,13 @@ impl EnvironmentMap {
             image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
         let mut limits = image::Limits::default();
         limits.max_alloc = Some(Self::MAX_TEXELS * 16);
-        reader.limits(limits);
-        let decoded = reader.decode().map_err(|e| format!("the image cannot be decoded: {e}"))?;
+        reader.limits(limits.clone());
+        let failed = |e: image::ImageError| format!("the image cannot be decoded: {e}");
+        let mut decoder = reader.into_decoder().map_err(failed)?;
+        limits.reserve(decoder.total_bytes()).and_then(|()| decoder.set_limits(limits)).map_err(failed)?;
+        // The pixels are converted and then copied.
+        let _reserved = reserve(decoder.dimensions().into(), decoder.total_bytes(), 24)?;
+        let decoded = image::DynamicImage::from_decoder(decoder).map_err(failed)?;
         let float = matches!(decoded.color(), image::ColorType::Rgb32F | image::ColorType::Rgba32F);
         let rgb = decoded.into_rgb32f();
         let (width, height) = rgb.dimensions();
@@ -97,6 +103,10 @@ impl EnvironmentMap {
         if pixels == 0 || pixels > Self::MAX_TEXELS {
             return Err(format!("the image has {pixels} pixels; 1 to {} are supported", Self::MAX_TEXELS));
         }
+        let side = |side: usize| u32::try_from(side).map_err(|_| format!("the image has {side} pixels along a side"));
+        let size = [side(header.layer_size.0)?, side(header.layer_size.1)?];
+        // Tiles and lines are decoded in parallel beside the image.
+        let _reserved = reserve(size, 0, 2 * size_of::<[f32; 3]>() as u64)?;
         let image = exr::prelude::read()
             .no_deep_data()
             .largest_resolution_level()

@@ -87,7 +87,8 @@ impl HeightMap {
     /// # Errors
     /// Bytes that are not such an image are an error; the message is a sentence.
     pub fn decode(bytes: &[u8], name: &str, wrap: [Wrap; 2]) -> Result<Self, String> {
-        let decoded = crate::scene::Image::open(bytes, name)?.into_luma16();
+        let (decoded, _reserved) = crate::scene::Image::open(bytes, name, 6)?;
+        let decoded = decoded.into_luma16();
         let (width, height) = decoded.dimensions();
         let texels = decoded.into_raw().into_iter().map(|v| f32::from(v) / 65535.0).collect();
         Ok(Self { name: name.to_owned(), width, height, texels, wrap })

@@ -11,6 +11,8 @@ use basisu::{DecodeFlags, TargetFormat, Transcoder};
 use image::{DynamicImage, RgbImage, RgbaImage};
 
 use crate::scene::Image;
+use crate::scene::model::memory::Reservation;
+use crate::scene::model::texture::reserve;
 
 /// The first bytes of every file.
 const MAGIC: [u8; 12] = *b"\xabKTX 20\xbb\r\n\x1a\n";
@@ -26,14 +28,15 @@ pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
     bytes.starts_with(&MAGIC)
 }
 
-/// Decodes an image; an error is the cause.
-pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+/// Decodes an image, with its memory and `more` bytes per pixel reserved; an error is the cause.
+pub(super) fn decode(bytes: &[u8], more: u64) -> Result<(DynamicImage, Reservation), String> {
     let file = File::parse(bytes)?;
     let [width, height] = file.size;
     let pixels = u64::from(width) * u64::from(height);
     if pixels > Image::MAX_PIXELS {
         return Err(format!("{width} x {height} pixels are more than {}: save a smaller image", Image::MAX_PIXELS));
     }
+    let reserved = reserve(file.size, 4 * pixels, more)?;
     let decoded = match file.format {
         Format::Etc1s | Format::Uastc => {
             RgbaImage::from_raw(width, height, file.decode_basis(bytes)?).map(DynamicImage::from)
@@ -41,7 +44,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         Format::Rgba => RgbaImage::from_raw(width, height, file.decode_plain(4 * pixels)?).map(DynamicImage::from),
         Format::Rgb => RgbImage::from_raw(width, height, file.decode_plain(3 * pixels)?).map(DynamicImage::from),
     };
-    decoded.ok_or_else(|| TOO_LITTLE.to_owned())
+    Ok((decoded.ok_or_else(|| TOO_LITTLE.to_owned())?, reserved))
 }
 
 /// A supported format of texels.

@@ -9,6 +9,7 @@ pub mod height;
 mod ktx2;
 pub mod light;
 pub mod material;
+pub(in crate::scene) mod memory;
 pub mod mesh;
 pub mod normals;
 pub mod pattern;

@@ -1,8 +1,10 @@
 //! Images and their lookup.
 
 use glam::{Affine2, Vec2};
+use image::ImageDecoder as _;
 
 use crate::scene::model::ktx2;
+use crate::scene::model::memory::Reservation;
 
 /// Eight-bit pixels, row 0 on top.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,19 +86,26 @@ impl Image {
     /// the name's extension.
     ///
     /// # Errors
-    /// Bytes that are not such an image are an error; the message is a sentence.
+    /// Bytes that are not such an image, or that need more memory than is free, are an error; the message is a
+    /// sentence.
     pub fn decode(bytes: &[u8], name: &str) -> Result<Self, String> {
-        let decoded = Self::open(bytes, name)?;
+        // The pixels are converted and then copied.
+        let (decoded, _reserved) = Self::open(bytes, name, 8)?;
         let rgba = decoded.into_rgba8();
         let (width, height) = rgba.dimensions();
         let texels = rgba.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
         Ok(Self { name: name.to_owned(), width, height, texels })
     }
 
-    /// Decodes an image in the file's own bit depth.
-    pub(in crate::scene) fn open(bytes: &[u8], name: &str) -> Result<image::DynamicImage, String> {
+    /// Decodes an image in the file's own bit depth. The memory that it needs, and `more` bytes per pixel for what
+    /// is made of it, is reserved before it is allocated.
+    pub(in crate::scene) fn open(
+        bytes: &[u8],
+        name: &str,
+        more: u64,
+    ) -> Result<(image::DynamicImage, Reservation), String> {
         if ktx2::is_ktx2(bytes) {
-            return ktx2::decode(bytes);
+            return ktx2::decode(bytes, more);
         }
         let mut reader =
             image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
@@ -107,13 +116,24 @@ impl Image {
         }
         let mut limits = image::Limits::default();
         limits.max_alloc = Some(Self::MAX_PIXELS * 8);
-        reader.limits(limits);
-        let decoded = reader.decode().map_err(|e| format!("the image cannot be decoded: {e}"))?;
-        if decoded.width() == 0 || decoded.height() == 0 {
+        let failed = |e: image::ImageError| format!("the image cannot be decoded: {e}");
+        reader.limits(limits.clone());
+        let mut decoder = reader.into_decoder().map_err(failed)?;
+        let (width, height) = decoder.dimensions();
+        if width == 0 || height == 0 {
             return Err("the image has no pixels".to_owned());
         }
-        Ok(decoded)
+        limits.reserve(decoder.total_bytes()).and_then(|()| decoder.set_limits(limits)).map_err(failed)?;
+        let reserved = reserve([width, height], decoder.total_bytes(), more)?;
+        Ok((image::DynamicImage::from_decoder(decoder).map_err(failed)?, reserved))
     }
+}
+
+/// Reserves the memory of an image, and more per pixel.
+pub(in crate::scene) fn reserve([width, height]: [u32; 2], bytes: u64, more: u64) -> Result<Reservation, String> {
+    let bytes = bytes.saturating_add(u64::from(width) * u64::from(height) * more);
+    let cause = |cause| format!("the image of {width} x {height} pixels {cause}: use smaller images");
+    Reservation::new(bytes).map_err(cause)
 }
 
 /// Decodes an sRGB-encoded value to a linear one, both in [0, 1] (IEC 61966-2-1).
