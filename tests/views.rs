@@ -15,12 +15,14 @@ use lightsheaf::settings::Settings;
 mod common;
 
 /// Scenes and options, and whether tiles outside a crop are left out.
-const CASES: [(&str, &str, bool); 16] = [
+const CASES: [(&str, &str, bool); 17] = [
     ("builtin:cornell_glossy", "--interleave 1", true),
     ("builtin:cornell_area", "--interleave 1 --band-pixels 1000", true),
     ("builtin:cornell_mirrors", "--interleave 1", true),
     ("builtin:cornell_point", "--visibility fast --interleave 1", true),
     ("builtin:cornell_area", "--method twin --interleave 1", true),
+    // The camera is moved inside, so that the sky's guide is that of the whole view.
+    ("builtin:cornell_env", "--interleave 1", true),
     ("builtin:point_hall:40", "--interleave 1", true),
     ("builtin:point_hall:9", "--light-sampling ris --interleave 1", true),
     ("builtin:point_hall:9", "--light-sampling restir --interleave 1", false),
@@ -72,7 +74,13 @@ fn a_crop_has_the_pixels_of_the_whole() {
         let settings = Options::try_parse_from(options.split_whitespace()).unwrap().settings;
         let settings = Settings { width: SIZE[0], height: SIZE[1], ..settings };
         let gpu = if settings.technique.needs_ray_queries() { tracing } else { gpu };
-        let scene = scene::load(spec).unwrap();
+        let mut scene = scene::load(spec).unwrap();
+        if scene.environment.is_some() {
+            let [low, high] = scene::Geometry::new(&scene).bounds;
+            let middle = 0.5 * (low + high);
+            scene.cameras[0] = scene.cameras[0].clone().looking(middle.with_z(high.z), middle).unwrap();
+            assert!(scene::SceneStats::new(&scene, &scene::Geometry::new(&scene)).camera_inside);
+        }
         let film = |crop| {
             let settings = Settings { crop, ..settings.clone() };
             assert_eq!(settings.skips_tiles(), skips && crop.is_some(), "{spec} {options}");

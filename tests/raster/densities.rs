@@ -246,7 +246,7 @@ fn light_of_the_sky_follows_its_guide() {
             let [x, y] = sampler(i).get2(Decision::Y1);
             let near = |u: f32, middle: f32| (((middle + 0.2 * (u - 0.5)) * SIDE as f32) as u32).min(SIDE - 1);
             let of_direction = if i % 3 == 0 { OF_DIRECTION } else { 0 };
-            Found { texel: near(y, 0.7) * SIDE + near(x, 0.3) | of_direction, value: 1.0 + x }
+            Found { texel: (near(y, 0.7) * SIDE + near(x, 0.3)) | of_direction, value: 1.0 + x }
         })
         .collect();
     let (guide, even) = (densities(&found), densities(&[]));

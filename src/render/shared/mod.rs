@@ -181,9 +181,13 @@ impl<'gpu> SharedRenderer<'gpu> {
 
     /// Learns where light comes from that the view shows, as planned.
     fn learn_view(&mut self) -> Result<(), RenderError> {
+        // What is learned is that of the whole image, also if a crop is rendered.
+        self.frame.pixels.converged.iter().for_each(|converged| converged.suspend(self.gpu));
         self.choose_lights_for_view()?;
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
-        Ok(frame.guide_sky(&Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None })?)
+        frame.guide_sky(&Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None })?;
+        frame.pixels.converged.iter().for_each(|converged| converged.upload(gpu));
+        Ok(())
     }
 
     /// Sets the probabilities of lights by their unoccluded contribution to the view, if planned.
@@ -193,10 +197,7 @@ impl<'gpu> SharedRenderer<'gpu> {
         }
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
         let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
-        // The importance of a light is that for the whole image, also if a crop is rendered.
-        frame.pixels.converged.iter().for_each(|converged| converged.suspend(gpu));
         let importance = frame.light_importance(&iteration)?;
-        frame.pixels.converged.iter().for_each(|converged| converged.upload(gpu));
         self.lights.mix_importance(&importance);
         self.scene.relight(self.gpu, &self.lights);
         // Cached light points hold the probabilities of the view before.
