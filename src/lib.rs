@@ -27,6 +27,7 @@
 //!
 //! | layer | content |
 //! |---|---|
+//! | [`crop`] | parts of images |
 //! | [`scene`], [`gpu`] | scenes as plain data and their loaders; a thin layer over wgpu |
 //! | [`settings`], [`film`], [`metrics`], [`tonemap`] | options; images, their errors and display |
 //! | [`mod@reference`] | the CPU path tracer, which shares only scene and film with the renderers |
@@ -95,6 +96,7 @@
 //! the shaders. Debug builds read shaders from the source tree.
 
 pub mod bench;
+pub mod crop;
 pub mod film;
 pub mod gpu;
 pub mod metrics;

@@ -10,7 +10,7 @@ use std::str::FromStr;
 #[cfg(feature = "cli")]
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use crate::film::crop::Crop;
+use crate::crop::Crop;
 
 /// Value of `bounces` for paths of unlimited length, in `path` and the reference.
 pub const UNLIMITED: u32 = u32::MAX;

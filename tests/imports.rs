@@ -4,7 +4,7 @@
 //! re-exports belong to the file that defines them; `mod` and `pub use` lines import nothing.
 //!
 //! - A file imports its own part or lower layers ([`LAYERS`]). Parts of one layer never import each other.
-//! - `scene`, `gpu`, `settings` and `film` import only themselves; `metrics` imports `film`, `tonemap` also
+//! - `scene`, `gpu`, `settings` and `film` import only themselves and `crop`; `metrics` imports `film`, `tonemap` also
 //!   `scene`.
 //! - `reference` imports only `scene` and `film`, since it judges the GPU side; `staging` imports `scene` and
 //!   `reference`.
@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 /// Parts of the program by layer, the lowest first; a file belongs to the longest prefix of its module path.
 /// `render` is render/mod.rs alone, which opens a renderer of either method.
 const LAYERS: &[&[&str]] = &[
+    &["crop"],
     &["scene", "gpu", "settings", "film"],
     &["metrics", "tonemap", "reference"],
     &["staging"],

@@ -4,7 +4,7 @@ use std::process::{Command, Output};
 
 use clap::Parser as _;
 use common::folder::Folder;
-use lightsheaf::film::crop::Crop;
+use lightsheaf::crop::Crop;
 use lightsheaf::film::exr::{Picture, Window};
 use lightsheaf::film::{Film, record::SampleRange};
 use lightsheaf::metrics::compare;

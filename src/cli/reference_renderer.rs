@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
+use lightsheaf::crop::Crop;
 use lightsheaf::film::Film;
-use lightsheaf::film::crop::Crop;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
 use lightsheaf::render::renderer::BatchSize;
 use lightsheaf::render::state::RenderState;

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
 
+use lightsheaf::crop::Crop;
 use lightsheaf::film::Film;
-use lightsheaf::film::crop::Crop;
 use lightsheaf::film::exr::{Picture, Window};
 use lightsheaf::film::record::{Record, SampleRange};
 use lightsheaf::gpu::{Gpu, GpuError, PassTime};

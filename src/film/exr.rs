@@ -8,9 +8,9 @@ use exr::prelude::{
     ReadChannels as _, ReadLayers as _, Vec2, WritableImage as _,
 };
 
-use super::crop::Crop;
 use super::record::Record;
 use super::{Film, FilmError, MAX_PIXELS, replace};
+use crate::crop::Crop;
 
 /// A channel beside R, G and B.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,13 +5,14 @@
 //! curve. Files are written under a temporary name and then renamed, so that no reader sees an incomplete
 //! file.
 
-pub mod crop;
 pub mod cryptomatte;
 pub mod exr;
 pub mod oidn;
 pub mod record;
 
 use std::path::{Path, PathBuf};
+
+use crate::crop::Crop;
 
 /// Bytes per pixel of a film on the device: a sum and its compensation (shaders/lib/pixels/film.wesl).
 pub const DEVICE_BYTES: u64 = 24;
@@ -60,6 +61,14 @@ pub enum FilmError {
 }
 
 impl Film {
+    /// Returns the pixels of a crop, which has to lie in the film; without one, the film.
+    #[must_use]
+    pub fn cropped(self, crop: Option<Crop>) -> Self {
+        let Some(crop) = crop else { return self };
+        let pixels = crop.pixels(self.width).map(|pixel| self.pixels[pixel as usize]).collect();
+        Self { width: crop.width, height: crop.height, pixels }
+    }
+
     /// Creates a black image.
     #[must_use]
     pub fn new(width: u32, height: u32) -> Self {
@@ -199,6 +208,15 @@ fn read_raster(path: &Path, format: image::ImageFormat) -> Result<Film, String> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_crop_is_cut_out() {
+        let mut film = Film::new(4, 3);
+        film.pixels[9] = [7.0; 3];
+        let cut = film.clone().cropped(Some(Crop { x: 1, y: 2, width: 3, height: 1 }));
+        assert_eq!((cut.width, cut.height, cut.pixels), (3, 1, vec![[7.0; 3], [0.0; 3], [0.0; 3]]));
+        assert_eq!(film.clone().cropped(None), film);
+    }
 
     fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("lightsheaf-film-{name}-{}", std::process::id()));

@@ -11,7 +11,7 @@ use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
 use super::sampler::Sampler;
 use super::{Reference, ReferenceSettings};
-use crate::film::crop::Crop;
+use crate::crop::Crop;
 use crate::scene::Geometry;
 
 /// Distance where nothing is hit.

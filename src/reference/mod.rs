@@ -32,8 +32,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::{Vec2, Vec3};
 use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, ParallelIterator as _};
 
+use crate::crop::Crop;
 use crate::film::Film;
-use crate::film::crop::Crop;
 use crate::scene::{Camera, Geometry, Material, Scene, Sides};
 
 use self::bvh::{Bvh, Hit, NONE};

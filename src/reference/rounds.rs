@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use super::{Reference, ReferenceSettings};
+use crate::crop::Crop;
 use crate::film::Film;
-use crate::film::crop::Crop;
 
 /// The mean of all samples so far, bit for bit the same as if they were rendered in one round.
 pub struct Rounds {

@@ -22,8 +22,8 @@
 
 use std::collections::VecDeque;
 
+use crate::crop::Crop;
 use crate::film::Film;
-use crate::film::crop::Crop;
 use crate::metrics::{CompareError, DARK, rel_mse_of_tiles};
 use crate::render::adaptive_sampling::{TILE, Tiles};
 

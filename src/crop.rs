@@ -3,8 +3,6 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::Film;
-
 /// A rectangle of pixels of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Crop {
@@ -65,16 +63,6 @@ impl FromStr for Crop {
     }
 }
 
-impl Film {
-    /// Returns the pixels of a crop, which has to lie in the film; without one, the film.
-    #[must_use]
-    pub fn cropped(self, crop: Option<Crop>) -> Self {
-        let Some(crop) = crop else { return self };
-        let pixels = crop.pixels(self.width).map(|pixel| self.pixels[pixel as usize]).collect();
-        Self { width: crop.width, height: crop.height, pixels }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,11 +78,6 @@ mod tests {
         for bad in ["", "1,2,3", "1,2,3,4,5", "-1,2,3,4", "1.5,2,3,4", "a,b,c,d"] {
             assert!(bad.parse::<Crop>().is_err(), "{bad}");
         }
-        let mut film = Film::new(4, 3);
-        film.pixels[9] = [7.0; 3];
-        let cut = film.clone().cropped(Some(crop));
-        assert_eq!((cut.width, cut.height, cut.pixels), (3, 1, vec![[7.0; 3], [0.0; 3], [0.0; 3]]));
-        assert_eq!(film.clone().cropped(None), film);
     }
 
     #[test]
