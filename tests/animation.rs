@@ -641,10 +641,8 @@ fn poses_keep_pipelines_and_buffers() {
     assert_eq!((&third.pipelines, &third.textures), (&second.pipelines, &second.textures));
     // The grid of another pose may have longer lists.
     let kept = |counts: &Counts| -> u64 {
-        let of_grid = ["grid_words", "counts", "distances"]
-            .iter()
-            .filter_map(|label| counts.buffers.get(*label))
-            .map(|b| b.bytes);
+        let of_grid =
+            ["grid_rows", "counts", "distances"].iter().filter_map(|label| counts.buffers.get(*label)).map(|b| b.bytes);
         counts.bytes() - of_grid.sum::<u64>()
     };
     assert_eq!(kept(&third), kept(&second));

@@ -204,15 +204,18 @@ const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];
 
 /// Parses and validates WGSL with the capabilities that every adapter has.
 fn validate(wgsl: &str) -> Result<naga::Module, String> {
-    validate_with(wgsl, naga::valid::Capabilities::default())
+    validate_with(wgsl, naga::valid::Capabilities::default()).map(|(module, _)| module)
 }
 
-fn validate_with(wgsl: &str, capabilities: naga::valid::Capabilities) -> Result<naga::Module, String> {
+fn validate_with(
+    wgsl: &str,
+    capabilities: naga::valid::Capabilities,
+) -> Result<(naga::Module, naga::valid::ModuleInfo), String> {
     let module = naga::front::wgsl::parse_str(wgsl).map_err(|e| e.emit_to_string(wgsl))?;
-    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities)
+    let info = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities)
         .validate(&module)
         .map_err(|e| e.emit_to_string(wgsl))?;
-    Ok(module)
+    Ok((module, info))
 }
 
 /// True if a pass uses ray queries.
@@ -262,17 +265,21 @@ fn link_and_validate(every: bool) {
         .collect();
     let distinct: BTreeMap<&String, &(&str, Vec<Flag>)> = linked.iter().zip(&cases).collect();
     let distinct: Vec<_> = distinct.into_iter().collect();
-    let tracing = distinct.par_iter().filter(|(wgsl, (pass, set))| {
+    let validated = distinct.par_iter().map(|(wgsl, (pass, set))| {
         // A pass without ray queries needs no capability; one with them is refused without the capability.
         let traces = queries_rays(pass, set);
         let ray_query = naga::valid::Capabilities::RAY_QUERY;
         let capabilities = naga::valid::Capabilities::default() | if traces { ray_query } else { Default::default() };
-        let module = validate_with(wgsl, capabilities).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
+        let (module, info) = validate_with(wgsl, capabilities).unwrap_or_else(|e| panic!("{pass} with {set:?}: {e}"));
         assert!(!module.entry_points.is_empty(), "{pass} with {set:?} has no entry point");
         assert!(!traces || validate(wgsl).is_err(), "{pass} with {set:?} traces no rays");
-        traces
+        let (counts, names) = bound(&module, &info);
+        (*pass, traces, (counts, names, set.as_slice()))
     });
-    assert!(tracing.count() > 2);
+    let validated: Vec<_> = validated.collect();
+    assert!(validated.iter().filter(|(_, traces, _)| *traces).count() > 2);
+    let raster = validated.into_iter().filter(|(pass, traces, _)| !traces && shaders::find(pass).is_none());
+    check_limits(raster.map(|(pass, _, bound)| (pass, bound)));
     println!("{} sets of flags over {} passes, {} distinct shaders", cases.len(), passes.len(), distinct.len());
 
     // Every flag that a shader names is in some set, and changes the text of some pass.
@@ -289,6 +296,78 @@ fn link_and_validate(every: bool) {
         });
         assert!(matters, "{} changes no shader", flag_names(&[*flag]));
     }
+}
+
+/// WebGPU's limits of a stage (`maxStorageBuffersPerShaderStage` and so on) and of a pipeline.
+const LIMITS: [(&str, usize); 5] =
+    [("storage buffers", 8), ("uniform buffers", 12), ("sampled textures", 16), ("samplers", 16), ("bind groups", 4)];
+
+/// Returns what the entry points of a module bind, each at most, in the order of [`LIMITS`], and the names of the
+/// storage buffers.
+fn bound(module: &naga::Module, info: &naga::valid::ModuleInfo) -> ([usize; 5], Vec<String>) {
+    let mut most = [0; 5];
+    let mut names = Vec::new();
+    for entry in 0..module.entry_points.len() {
+        let mut counts = [0; 5];
+        let mut storage = Vec::new();
+        for (handle, variable) in module.global_variables.iter() {
+            let Some(binding) = variable.binding.filter(|_| !info.get_entry_point(entry)[handle].is_empty()) else {
+                continue;
+            };
+            counts[4] = counts[4].max(binding.group as usize + 1);
+            let kind = match (variable.space, &module.types[variable.ty].inner) {
+                (naga::AddressSpace::Storage { .. }, _) => 0,
+                (naga::AddressSpace::Uniform, _) => 1,
+                (_, naga::TypeInner::Image { .. }) => 2,
+                (_, naga::TypeInner::Sampler { .. }) => 3,
+                _ => continue,
+            };
+            counts[kind] += 1;
+            storage.extend(variable.name.clone().filter(|_| kind == 0));
+        }
+        if counts[0] >= most[0] {
+            names = storage;
+        }
+        most = std::array::from_fn(|kind| most[kind].max(counts[kind]));
+    }
+    (most, names)
+}
+
+/// What a pass binds at most, of each kind, and its storage buffers where they are most, with their flags.
+type Bound<'a> = ([usize; 5], Vec<String>, &'a [Flag]);
+
+/// Fails if a pass of the raster methods binds more than WebGPU allows. Ray queries are no part of WebGPU.
+fn check_limits<'a>(all: impl Iterator<Item = (&'a str, Bound<'a>)>) {
+    let mut worst: BTreeMap<&str, Bound> = BTreeMap::new();
+    for (pass, (counts, names, set)) in all {
+        let of_pass = worst.entry(pass).or_insert_with(|| (counts, names.clone(), set));
+        if counts[0] > of_pass.0[0] {
+            (of_pass.1, of_pass.2) = (names, set);
+        }
+        of_pass.0 = std::array::from_fn(|kind| of_pass.0[kind].max(counts[kind]));
+    }
+    for (pass, (counts, names, set)) in &worst {
+        println!("{pass}: {counts:?}: {} with {}", names.join(" "), flag_names(set));
+    }
+    assert!(worst.len() >= 25 && worst.values().any(|(counts, ..)| counts[0] == LIMITS[0].1), "{}", worst.len());
+    for (kind, (what, limit)) in LIMITS.into_iter().enumerate() {
+        let over: Vec<_> = worst.iter().filter(|(_, (counts, ..))| counts[kind] > limit).collect();
+        assert!(over.is_empty(), "more than {limit} {what}: {over:?}");
+    }
+}
+
+#[test]
+fn bindings_are_counted() {
+    // What a pass does not use is not counted.
+    let count = |used: usize| {
+        let declared: String =
+            (0..9).map(|n| format!("@group(0) @binding({n}) var<storage, read> b{n}: array<u32>;\n")).collect();
+        let read: String = (0..used).map(|n| format!("x += b{n}[0];")).collect();
+        let wgsl = format!("{declared}@compute @workgroup_size(1) fn main() {{ var x = 0u; {read} }}");
+        let (module, info) = validate_with(&wgsl, naga::valid::Capabilities::default()).unwrap();
+        bound(&module, &info).0
+    };
+    assert_eq!([count(8), count(9)], [[8, 0, 0, 0, 1], [9, 0, 0, 0, 1]]);
 }
 
 #[test]

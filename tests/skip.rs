@@ -159,14 +159,14 @@ fn features() -> Vec<Feature> {
         feature(
             "environment map",
             with(|s| s.environment = Some(sky(true))),
-            &["flag ENVIRONMENT_MAP", "memory environment_map", "memory sky_table", "code sky_choice"],
-            &["flag ENVIRONMENT_MAP", "memory environment_map", "memory sky_table", "code sky_choice"],
+            &["flag ENVIRONMENT_MAP", "memory environment_map", "code sky_choice"],
+            &["flag ENVIRONMENT_MAP", "memory environment_map", "code sky_choice"],
         ),
         feature(
             "area light",
             with(lamp),
-            &["flag EMISSION", "memory emitters", "code emitted_radiance", "code part_pdf"],
-            &["flag EMISSION", "memory emitters", "code emitted_radiance", "code part_pdf"],
+            &["flag EMISSION", "code emitter_of", "code emitted_radiance", "code part_pdf"],
+            &["flag EMISSION", "code emitter_of", "code emitted_radiance", "code part_pdf"],
         ),
         Feature {
             name: "punctual light",
@@ -201,8 +201,8 @@ fn features() -> Vec<Feature> {
                     pattern: Some(0),
                 })];
             }),
-            &["flag PATTERNS", "memory patterns", "code pattern_factor"],
-            &["flag PATTERNS", "memory patterns", "code pattern_factor"],
+            &["flag PATTERNS", "code pattern_at", "code pattern_factor"],
+            &["flag PATTERNS", "code pattern_at", "code pattern_factor"],
         ),
         feature(
             "glossy material",
@@ -221,8 +221,8 @@ fn features() -> Vec<Feature> {
                     Material { bsdf: Bsdf::Diffuse { reflectance }, ..Material::diffuse("painted", Vec3::ONE) },
                 );
             }),
-            &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
-            &["flag TEXTURES", "memory texels", "memory texture_uses", "code sample_texture", "code tangent_from_uv"],
+            &["flag TEXTURES", "memory texels", "code texture_use_at", "code sample_texture", "code tangent_from_uv"],
+            &["flag TEXTURES", "memory texels", "code texture_use_at", "code sample_texture", "code tangent_from_uv"],
         ),
         feature(
             "tessellation",
@@ -358,7 +358,7 @@ fn bounces_that_nobody_asks_for_are_not_there() {
     for pass in ["view_setup", "view_lists", "light_point", "rsm", "light_subpath", "connect", "extend"] {
         assert_eq!(dark.runs(pass), 0, "{pass}");
     }
-    for label in ["lists", "projected_triangles", "items", "lights", "light_sums", "rsm"] {
+    for label in ["lists", "projected_triangles", "items", "light_points", "rsm"] {
         assert!(!dark.counts.buffers.contains_key(label), "{label}");
     }
 }
@@ -390,15 +390,14 @@ fn frames_are_filtered_only_where_asked() {
         parts.map(|part| (*part).to_owned()).collect::<Vec<_>>()
     };
     let all = ["pass gradient", "pass temporal", "pass filter", "pass firefly_clamp", "pass compose", "pass antialias"];
-    let kept =
-        ["memory guides", "memory clear", "memory indirect", "memory history", "memory filtered", "memory gradients"];
+    let kept = ["memory guides", "memory layers", "memory history", "memory filtered"];
     let code = ["code guide_of", "code are_alike", "code layer_index"];
     assert!(has(&summed, &[&all[..], &kept, &code].concat()).is_empty(), "{summed:?}");
     assert!(summed.contains("memory film"));
 
     let filtered = of(Settings { interleave: Some(2), ..base.clone() }).names();
     assert_eq!(has(&filtered, &all), ["pass filter", "pass compose", "pass antialias"]);
-    assert_eq!(has(&filtered, &kept), ["memory guides", "memory clear", "memory indirect", "memory filtered"]);
+    assert_eq!(has(&filtered, &kept), ["memory guides", "memory layers", "memory filtered"]);
     assert!(!filtered.contains("memory film"));
     let remembered = of(Settings { history: 8, ..base.clone() }).names();
     assert_eq!(has(&remembered, &all), ["pass temporal", "pass compose", "pass antialias"]);
@@ -496,17 +495,7 @@ fn memory_is_what_the_plan_says() {
             };
             let asked = gpu.ledger.counts();
             // What rays are traced through, and what that is built from, belong to the scene.
-            let of_rays = [
-                "indices",
-                "first_triangles",
-                "grid",
-                "along",
-                "grid_words",
-                "ray_triangles",
-                "counts",
-                "distances",
-                "totals",
-            ];
+            let of_rays = ["indices", "first_triangles", "grid", "along", "grid_rows", "counts", "distances", "totals"];
             let building: u64 = of_rays.iter().filter_map(|l| asked.buffers.get(*l)).map(|b| b.bytes).sum();
             let real = asked.bytes() - stats.scene_bytes - building;
             let off = |a: u64| (a as f64 / real as f64 - 1.0).abs();

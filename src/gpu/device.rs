@@ -53,6 +53,17 @@ fn ray_query_token() -> wgpu::ExperimentalFeatures {
     unsafe { wgpu::ExperimentalFeatures::enabled() }
 }
 
+/// How a device is opened.
+#[derive(Default)]
+struct Opening {
+    /// With ray queries.
+    ray_queries: bool,
+    /// With the driver's validation layers.
+    validated: bool,
+    /// With WebGPU's limits and without its optional features.
+    webgpu_limits: bool,
+}
+
 /// Optional features and limits of the adapter.
 #[derive(Clone, Debug)]
 pub struct Capabilities {
@@ -97,7 +108,16 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoAdapter`] if there is no adapter, [`GpuError::NoDevice`] if it refuses a device.
     pub fn new() -> Result<Self, GpuError> {
-        Self::open(false, false)
+        Self::open(&Opening::default())
+    }
+
+    /// Opens the best adapter with the limits that WebGPU guarantees and without optional features, as a browser
+    /// may have it.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_webgpu_limits() -> Result<Self, GpuError> {
+        Self::open(&Opening { webgpu_limits: true, ..Opening::default() })
     }
 
     /// Opens the best adapter with ray queries.
@@ -105,7 +125,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::NoRayQueries`] if the adapter has none; otherwise as [`Self::new`].
     pub fn with_ray_queries() -> Result<Self, GpuError> {
-        Self::open(true, false)
+        Self::open(&Opening { ray_queries: true, ..Opening::default() })
     }
 
     /// Opens the best adapter with the driver's validation layers, if these are installed. `wgpu_hal` logs
@@ -114,10 +134,11 @@ impl Gpu {
     /// # Errors
     /// As [`Self::new`] or [`Self::with_ray_queries`].
     pub fn validated(ray_queries: bool) -> Result<Self, GpuError> {
-        Self::open(ray_queries, true)
+        Self::open(&Opening { ray_queries, validated: true, ..Opening::default() })
     }
 
-    fn open(ray_queries: bool, validated: bool) -> Result<Self, GpuError> {
+    fn open(opening: &Opening) -> Result<Self, GpuError> {
+        let &Opening { ray_queries, validated, webgpu_limits } = opening;
         let descriptor = wgpu::InstanceDescriptor {
             backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
             ..wgpu::InstanceDescriptor::new_without_display_handle()
@@ -135,8 +156,9 @@ impl Gpu {
             pollster::block_on(instance.request_adapter(&options)).map_err(|e| GpuError::NoAdapter(e.to_string()))?;
         let info = adapter.get_info();
         let name = format!("{} ({})", info.name, info.driver_info);
-        let limits = adapter.limits();
-        let mut features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
+        let limits = if webgpu_limits { wgpu::Limits::default() } else { adapter.limits() };
+        let optional = if webgpu_limits { wgpu::Features::empty() } else { wgpu::Features::TIMESTAMP_QUERY };
+        let mut features = adapter.features() & optional;
         if ray_queries {
             let missing = RAY_QUERIES - adapter.features();
             if !missing.is_empty() {

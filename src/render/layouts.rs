@@ -70,8 +70,8 @@ layouts! {
         lists: u32,
         listed: u32,
         triangles: u32,
-        pad0: u32,
-        pad1: u32,
+        words: u32,
+        pad: u32,
     }
 
     /// The axis along which distances of empty cells are found.
@@ -194,6 +194,22 @@ layouts! {
         pad1: u32,
         absorption: [f32; 3],
         transmission: f32,
+    }
+
+    /// The first rows of tables, in the buffer that holds all of them.
+    struct TableRows in "shared/paths/connect" {
+        triangles: u32,
+        materials: u32,
+        layers: u32,
+        texture_uses: u32,
+        sheen_albedos: u32,
+        lights: u32,
+        light_sums: u32,
+        emitters: u32,
+        patterns: u32,
+        sky_shares: u32,
+        light_nodes: u32,
+        pad0: u32,
     }
 
     /// Layers on top of a material.
@@ -359,15 +375,6 @@ layouts! {
         c: f32,
     }
 
-    /// The first hit of a pixel's path; the host only needs its size.
-    struct FirstHit in "subpaths/reservoirs" {
-        wo: [f32; 3],
-        triangle: u32,
-        barycentric: [f32; 2],
-        distance: f32,
-        pad: f32,
-    }
-
     /// A reservoir with a resampled light sample; the host only needs its size.
     struct Reservoir in "subpaths/reservoirs" {
         light: u32,
@@ -377,6 +384,16 @@ layouts! {
         target_pdf: f32,
         pad0: f32,
         pad1: f32,
+    }
+
+    /// The first hit of a pixel's path, with its reservoir; the host only needs its size.
+    struct FirstHit in "subpaths/reservoirs" {
+        wo: [f32; 3],
+        triangle: u32,
+        barycentric: [f32; 2],
+        distance: f32,
+        pad: f32,
+        reservoir: Reservoir,
     }
 
     /// The light of a light point, and the random numbers of its position.
@@ -557,6 +574,15 @@ impl Shading {
     }
 }
 
+// Records fill whole rows of tables.
+const _: () = {
+    assert!(size_of::<Material>() == 16 * rows_of_scene::MATERIAL_ROWS as usize);
+    assert!(size_of::<Layers>() == 16 * rows_of_scene::LAYERS_ROWS as usize);
+    assert!(size_of::<TextureUse>() == 16 * rows_of_textures::TEXTURE_USE_ROWS as usize);
+    assert!(size_of::<LightRecord>() == 16 * rows_of_lights::LIGHT_ROWS as usize);
+    assert!(size_of::<LightNode>() == 16 * rows_of_nodes::LIGHT_NODE_ROWS as usize);
+};
+
 macro_rules! constants {
     ($($(#[$doc:meta])* mod $group:ident in $file:literal { $($name:ident = $value:expr,)* })*) => {
         $(
@@ -585,6 +611,32 @@ constants! {
         SHEET = 64,
         TRANSMITS = 128,
         BLENDED = 256,
+    }
+
+    /// Most light points of an iteration.
+    mod light_pool in "shared/light/light_reservoirs" {
+        MOST_LIGHT_POINTS = 256,
+    }
+
+    /// Rows of records in tables.
+    mod rows_of_scene in "lib/scene/scene" {
+        MATERIAL_ROWS = 8,
+        LAYERS_ROWS = 4,
+    }
+
+    /// As [`rows_of_scene`].
+    mod rows_of_textures in "lib/surface/texture" {
+        TEXTURE_USE_ROWS = 4,
+    }
+
+    /// As [`rows_of_scene`].
+    mod rows_of_lights in "lib/lights/light" {
+        LIGHT_ROWS = 5,
+    }
+
+    /// As [`rows_of_scene`].
+    mod rows_of_nodes in "lib/lights/light_tree" {
+        LIGHT_NODE_ROWS = 2,
     }
 
     /// Values of [`Material::model`].

@@ -6,6 +6,7 @@
 //! changed, `temporal` averages over time, `filter` over the pixels of a square, `firefly_clamp` bounds
 //! outliers, `compose` adds up the frame's picture, and `antialias` averages pictures.
 
+mod layers;
 pub mod plan;
 
 use std::array;
@@ -15,6 +16,7 @@ use glam::{Mat4, Vec3};
 use crate::film::Film;
 use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back};
 use crate::render::convergence::BiasFilms;
+use crate::render::denoise::layers::Layers;
 use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::{Grid, Region};
 use crate::render::layouts;
@@ -80,9 +82,10 @@ pub struct Denoiser {
     guides: Pair,
     /// Guides of the layers, if these are coarser than the image.
     layer_guides: Option<Pair>,
-    clear: Pair,
-    indirect: Pair,
-    gradient: Option<(Compute, wgpu::Buffer)>,
+    /// Clear light, indirect light and gradients.
+    layers: Pair,
+    parts: Layers,
+    gradient: Option<Compute>,
     temporal: Option<(Compute, Pair)>,
     filter: Option<(Compute, wgpu::Buffer)>,
     bias: Option<Bias>,
@@ -103,6 +106,7 @@ impl Denoiser {
         let glossy: &[Flag] = if plan.glossy { &[Flag::Glossy] } else { &[] };
         let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
+        let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
         let pass = |shader, flags| Compute::new(gpu, shader, flags);
         Self {
             grid,
@@ -116,11 +120,9 @@ impl Denoiser {
             uniform: gpu.uniform::<layouts::DenoiseUniform>("denoise"),
             guides: Pair::new(gpu, "guides", image * guide),
             layer_guides: (grid.scale > 1).then(|| Pair::new(gpu, "layer_guides", layer * guide)),
-            clear: Pair::new(gpu, "clear", image * 16),
-            indirect: Pair::new(gpu, "indirect", layer * 32),
-            gradient: plan
-                .has_gradients()
-                .then(|| (pass("denoise/gradient", &[]), gpu.storage("gradients", squares * 8))),
+            layers: Pair::new(gpu, "layers", parts.bytes()),
+            parts,
+            gradient: plan.has_gradients().then(|| pass("denoise/gradient", &[])),
             temporal: (plan.history > 0)
                 .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
             filter: plan.filtered.then(|| (pass("denoise/filter", glossy), gpu.storage("filtered", layer * 32))),
@@ -143,9 +145,9 @@ impl Denoiser {
     /// Returns the bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let pairs = [&self.guides, &self.clear, &self.indirect, &self.pictures];
+        let pairs = [&self.guides, &self.layers, &self.pictures];
         let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
-        let passes = [&self.gradient, &self.filter, &self.firefly_clamp];
+        let passes = [&self.filter, &self.firefly_clamp];
         let buffers = passes.into_iter().flatten().map(|(_, buffer)| buffer);
         let buffers = buffers.chain([&self.composed]).chain(&self.positions_before);
         let of_bias = |bias: &Bias| {
@@ -182,7 +184,7 @@ impl Denoiser {
     /// Returns the buffers that the next frame reads: the average of the frames, and histories.
     pub fn state_buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
         let bias = self.bias.iter().flat_map(|bias| [&bias.unfiltered, &bias.twice]);
-        let layers = [&self.guides, &self.clear, &self.indirect];
+        let layers = [&self.guides, &self.layers];
         let layers = layers.into_iter().chain(&self.layer_guides).filter(|_| self.history > 0);
         let history = self.temporal.iter().map(|(_, history)| history);
         let all = std::iter::once(&self.pictures).chain(bias).chain(layers).chain(history);
@@ -241,8 +243,8 @@ impl Denoiser {
     pub fn layers(&self, region: &Region) -> [Binding<'_>; 3] {
         [
             ("guides", self.guides(region).as_entire_binding()),
-            ("clear", self.clear.now(self.frame).as_entire_binding()),
-            ("indirect", self.indirect.now(self.frame).as_entire_binding()),
+            self.parts.clear(self.layers.now(self.frame)),
+            self.parts.indirect("indirect", self.layers.now(self.frame)),
         ]
     }
 
@@ -263,57 +265,50 @@ impl Denoiser {
         let (frame, layer) = (self.frame, self.grid.layer());
         let layer_guides = self.layer_guides.as_ref().unwrap_or(&self.guides);
         let positions_before = self.positions_before.as_ref().unwrap_or(&recording.scene.positions);
-        let shared = bindings([
-            ("denoise", &self.uniform),
-            ("positions_before", positions_before),
-            ("clear", self.clear.now(frame)),
-            ("clear_before", self.clear.before(frame)),
-            ("indirect", self.indirect.now(frame)),
-            ("indirect_before", self.indirect.before(frame)),
-        ]);
+        let layers = self.layers.now(frame);
+        let shared = bindings([("denoise", &self.uniform), ("positions_before", positions_before)]);
+        let both = bindings([("layers", layers), ("layers_before", self.layers.before(frame))]);
+        let clear = [self.parts.clear(layers)];
         let guides = bindings([("guides", layer_guides.now(frame)), ("guides_before", layer_guides.before(frame))]);
 
-        if let Some((pass, gradients)) = self.gradient.as_ref().filter(|_| repeats) {
-            let inputs = bindings([("gradients", gradients)]);
-            recording.run(pass, self.grid.squares(), &[&shared, &guides, &inputs]);
+        if let Some(pass) = self.gradient.as_ref().filter(|_| repeats) {
+            recording.run(pass, self.grid.squares(), &[&shared, &guides, &both]);
         }
-        let mut unfiltered = self.indirect.now(frame);
+        let mut unfiltered = self.parts.indirect("indirect", layers).1;
         if let Some((pass, history)) = &self.temporal {
-            // Without gradients the shader does not read them.
-            let gradients = self.gradient.as_ref().map_or(self.indirect.now(frame), |(_, gradients)| gradients);
             let (now, before) = (history.now(frame), history.before(frame));
-            let inputs = bindings([("gradients", gradients), ("history", now), ("history_before", before)]);
-            recording.run(pass, layer, &[&shared, &guides, &inputs]);
-            unfiltered = now;
+            let inputs = bindings([("history", now), ("history_before", before)]);
+            recording.run(pass, layer, &[&shared, &guides, &both, &inputs]);
+            unfiltered = now.as_entire_binding();
         }
-        let mut light = unfiltered;
+        let mut light = unfiltered.clone();
         if let Some((pass, filtered)) = &self.filter {
-            let inputs = bindings([("unfiltered", unfiltered), ("filtered", filtered)]);
+            let inputs = [("unfiltered", unfiltered.clone()), ("filtered", filtered.as_entire_binding())];
             recording.run(pass, layer, &[&shared, &guides, &inputs]);
-            light = filtered;
+            light = filtered.as_entire_binding();
         }
         if let Some((pass, clamped_layers)) = &self.firefly_clamp {
-            let inputs = bindings([("filtered", light), ("clamped_layers", clamped_layers)]);
+            let inputs = [("filtered", light), ("clamped_layers", clamped_layers.as_entire_binding())];
             recording.run(pass, layer, &[&shared, &guides, &inputs]);
-            light = clamped_layers;
+            light = clamped_layers.as_entire_binding();
         }
         let mut pictures = vec![(light, &self.composed, &self.pictures)];
         if let (Some((pass, filtered)), Some(bias)) = (&self.filter, &self.bias) {
             let inputs = bindings([("unfiltered", filtered), ("filtered", &bias.filtered_twice)]);
             recording.run(pass, layer, &[&shared, &guides, &inputs]);
             pictures.push((unfiltered, &bias.composed, &bias.unfiltered));
-            pictures.push((&bias.filtered_twice, &bias.composed, &bias.twice));
+            pictures.push((bias.filtered_twice.as_entire_binding(), &bias.composed, &bias.twice));
         }
         for (light, composed, pictures) in pictures {
             let inputs = bindings([
                 ("guides", self.guides.now(frame)),
                 ("layer_guides", layer_guides.now(frame)),
-                ("filtered", light),
                 ("composed", composed),
                 ("picture", pictures.now(frame)),
                 ("picture_before", pictures.before(frame)),
             ]);
-            recording.run(&self.compose, self.grid.size, &[&shared, &inputs]);
+            let light = [("filtered", light)];
+            recording.run(&self.compose, self.grid.size, &[&shared, &clear, &light, &inputs]);
             recording.run(&self.antialias, self.grid.size, &[&shared, &inputs]);
         }
     }

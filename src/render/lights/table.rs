@@ -10,7 +10,7 @@ use std::f32::consts::PI;
 use glam::{Mat3, Vec2, Vec3};
 
 use crate::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
-use crate::render::layouts::{LightRecord, Lighting};
+use crate::render::layouts::{LightNode, LightRecord, Lighting};
 use crate::scene::model::emitter::{Emitter, Part, emitters, part};
 use crate::scene::{
     EnvironmentMap, Geometry, LUMINANCE, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff, versine,
@@ -44,6 +44,8 @@ pub struct LightTable {
     /// Cumulative probabilities of an environment map (shaders/lib/lights/sky.wesl): of the bands, then of
     /// the cells within each band.
     pub sky_shares: Vec<f32>,
+    /// The light tree; empty without one.
+    pub nodes: Vec<LightNode>,
     /// Constants of all lights.
     pub lighting: Lighting,
     /// Luminance of the total power, in watts.

@@ -127,7 +127,7 @@ impl Frame {
         directions: Option<BundleDirections>,
     ) -> Self {
         let views = Views::new(gpu, u64::from(scene.triangles), plan);
-        let bundle_pdfs = directions.as_ref().map_or(&[][..], |d| &d.pdfs);
+        let bundle_pdfs = directions.as_ref().map(|d| d.pdfs.as_slice());
         Self {
             passes: Passes::new(gpu, scene, plan, settings, directions.is_some()),
             pixels: PixelBuffers::new(gpu, plan, settings, bundle_pdfs),
@@ -280,7 +280,7 @@ fn candidate_passes(
     let reservoirs = plan.reuse.filter(|_| plan.reuses()).map(|bias| {
         let pixels = plan.grid.size.iter().map(|&side| u64::from(side)).product();
         let (select, test) = (flags.with(&[emission]), flags.with(&[&of_light]));
-        LightReservoirs::new(gpu, &select, &test, plan.light_candidates, pixels, bias == RestirBias::Biased)
+        LightReservoirs::new(gpu, &select, &test, pixels, bias == RestirBias::Biased)
     });
     (candidates, reservoirs)
 }

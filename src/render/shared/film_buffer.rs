@@ -8,17 +8,19 @@ use crate::gpu::Gpu;
 use crate::render::adaptive_sampling::ConvergedTiles;
 use crate::render::interleave::Region;
 use crate::render::layouts;
+use crate::render::layouts::bundle_size::{BUNDLE_COLUMNS, BUNDLE_ROWS};
 use crate::render::shared::plan::FramePlan;
+use crate::render::upload::textures::upload_numbers;
 use crate::settings::Settings;
 
 /// Buffers per pixel that all regions share, and the buffers of each region.
 pub struct PixelBuffers {
     classes: Vec<Vec<RegionBuffers>>,
     eye_vertices: wgpu::Buffer,
-    shadings: wgpu::Buffer,
     radiance: wgpu::Buffer,
     /// Densities of bundle directions; empty if they are uniform.
-    bundle_pdfs: wgpu::Buffer,
+    /// Densities of bundle directions, if these follow the environment map.
+    bundle_pdfs: Option<wgpu::TextureView>,
     /// Converged tiles, if sampling is adaptive.
     pub converged: Option<ConvergedTiles>,
 }
@@ -47,7 +49,7 @@ pub struct Band<'a> {
 impl PixelBuffers {
     /// Allocates the buffers of a plan.
     #[must_use]
-    pub fn new(gpu: &Gpu, plan: &FramePlan, settings: &Settings, bundle_pdfs: &[f32]) -> Self {
+    pub fn new(gpu: &Gpu, plan: &FramePlan, settings: &Settings, bundle_pdfs: Option<&[f32]>) -> Self {
         let (grid, glossy, transmits) = (&plan.grid, plan.glossy(), plan.transmits());
         let own = |region: Region| RegionBuffers {
             region,
@@ -59,11 +61,13 @@ impl PixelBuffers {
             classes: grid.classes().into_iter().map(|regions| regions.into_iter().map(own).collect()).collect(),
             eye_vertices: gpu.storage(
                 "eye_vertices",
-                pixels * layouts::EyeVertex::bytes(grid.layered && glossy, transmits, plan.caustics),
+                pixels
+                    * (layouts::EyeVertex::bytes(grid.layered && glossy, transmits, plan.caustics)
+                        + layouts::Shading::bytes(&plan.surface_flags)),
             ),
-            shadings: gpu.storage("shadings", pixels * layouts::Shading::bytes(&plan.surface_flags)),
             radiance: gpu.storage("radiance", pixels * if grid.layered { 48 } else { 16 }),
-            bundle_pdfs: gpu.upload("bundle_pdfs", bundle_pdfs),
+            bundle_pdfs: bundle_pdfs
+                .map(|pdfs| upload_numbers(gpu, "bundle_pdfs", [BUNDLE_COLUMNS, BUNDLE_ROWS], pdfs)),
             converged: plan.skips_tiles.then(|| ConvergedTiles::new(gpu, settings)),
         }
     }
@@ -106,9 +110,8 @@ impl PixelBuffers {
         films
             + converged
             + self.eye_vertices.size()
-            + self.shadings.size()
             + self.radiance.size()
-            + self.bundle_pdfs.size()
+            + self.bundle_pdfs.as_ref().map_or(0, |_| 4 * u64::from(BUNDLE_ROWS * BUNDLE_COLUMNS))
     }
 }
 
@@ -119,10 +122,10 @@ impl Band<'_> {
         let mut bindings = vec![
             ("frame", self.frame.as_entire_binding()),
             ("eye_vertices", self.pixels.eye_vertices.as_entire_binding()),
-            ("shadings", self.pixels.shadings.as_entire_binding()),
             ("radiance", self.pixels.radiance.as_entire_binding()),
-            ("bundle_pdfs", self.pixels.bundle_pdfs.as_entire_binding()),
         ];
+        let pdfs = self.pixels.bundle_pdfs.iter();
+        bindings.extend(pdfs.map(|pdfs| ("bundle_pdfs", wgpu::BindingResource::TextureView(pdfs))));
         bindings.extend(self.pixels.converged.iter().map(ConvergedTiles::binding));
         bindings
     }

@@ -32,7 +32,7 @@ impl Frame {
         else {
             return;
         };
-        reservoirs.swap_history(gpu, has_past, &mut light_point.points);
+        reservoirs.swap_history(gpu, has_past, &light_point.points);
         self.views.swap_candidates(&self.plan.candidate_views());
         self.rsm_of = None;
     }

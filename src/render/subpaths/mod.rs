@@ -13,7 +13,7 @@ pub mod reservoirs;
 use std::time::Instant;
 
 use crate::film::{self, Film};
-use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back};
+use crate::gpu::{Compute, Flag, Gpu, read_back};
 use crate::render::adapt::adapted;
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::frame_uniform::camera_uniform;
@@ -39,7 +39,6 @@ const BATCH: u64 = 8;
 struct Shared {
     frame: wgpu::Buffer,
     paths: wgpu::Buffer,
-    light_nodes: Option<wgpu::Buffer>,
 }
 
 /// Buffers per pixel.
@@ -58,7 +57,6 @@ struct Prepared {
     geometry: Geometry,
     plan: PathPlan,
     table: LightTable,
-    light_nodes: Option<Vec<layouts::LightNode>>,
     constants: layouts::Paths,
     uniform: FrameUniform,
 }
@@ -73,15 +71,13 @@ impl Prepared {
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
         let mut table =
             LightTable::new(scene, &geometry, if bidirectional { Hittable::All } else { Hittable::ButConstantSky });
-        let mut light_nodes = None;
         if plan.light_sampling == LightSampling::Uniform {
             table = table.uniform_selection();
         }
         if plan.light_sampling.has_tree() {
             let tree = LightTree::new(&table, scene, &geometry);
             table.records.iter_mut().zip(&tree.trails).for_each(|(record, trail)| record.trail = *trail);
-            check_binding(gpu, "the light tree", size_of_val(tree.nodes.as_slice()))?;
-            light_nodes = Some(tree.nodes);
+            table.nodes = tree.nodes;
         }
         let [lens_radius, focus] = lens_of(&camera);
         let constants = layouts::Paths {
@@ -98,7 +94,7 @@ impl Prepared {
         };
         let splat_scale = table.splat_scale(geometry.sphere().1);
         let uniform = FrameUniform { bounces: plan.bounces, splat_scale, ..camera_uniform(&camera, settings) };
-        Ok(Self { geometry, plan, table, light_nodes, constants, uniform })
+        Ok(Self { geometry, plan, table, constants, uniform })
     }
 }
 
@@ -137,8 +133,7 @@ impl<'gpu> PathRenderer<'gpu> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let scene = &*adapted(scene, settings)?;
         let (geometry, sources) = Geometry::with_sources(scene);
-        let Prepared { geometry, plan, table, light_nodes, constants, uniform } =
-            Prepared::new(gpu, scene, geometry, settings)?;
+        let Prepared { geometry, plan, table, constants, uniform } = Prepared::new(gpu, scene, geometry, settings)?;
         let bidirectional = settings.method() == Method::Bdpt;
         // The shaders always read the number of lights.
         let flags = [plan.flags.as_slice(), &[Flag::Punctual]].concat();
@@ -149,7 +144,6 @@ impl<'gpu> PathRenderer<'gpu> {
         deformer.keep(geometry, sources);
         let frame = gpu.uniform::<FrameUniform>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&uniform));
-        let light_nodes = light_nodes.map(|nodes| gpu.upload("light_nodes", &nodes));
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
             light_paths: bidirectional.then(|| Compute::new(gpu, "subpaths/light_paths", &plan.flags)),
@@ -159,7 +153,7 @@ impl<'gpu> PathRenderer<'gpu> {
                 .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir)),
             eye_paths: Compute::new(gpu, "subpaths/eye_paths", &plan.flags),
             resolve: Compute::new(gpu, "subpaths/resolve", &plan.flags),
-            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths"), light_nodes },
+            shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths") },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
                 film: gpu.storage("film", pixels * film::DEVICE_BYTES),
@@ -205,7 +199,6 @@ impl<'gpu> PathRenderer<'gpu> {
             ("film", self.pixels.film.as_entire_binding()),
             ("log", self.pixels.log.as_entire_binding()),
         ]);
-        bindings.extend(self.shared.light_nodes.as_ref().map(|nodes| ("light_nodes", nodes.as_entire_binding())));
         bindings.extend(self.pixels.converged.iter().map(ConvergedTiles::binding));
         if let Some((vertices, splats)) = &self.pixels.light {
             bindings.extend([("path_vertices", vertices.as_entire_binding()), ("splats", splats.as_entire_binding())]);
@@ -285,14 +278,13 @@ impl Renderer for PathRenderer<'_> {
             *self = Self::new(self.gpu, scene, &self.settings)?;
             return Ok(());
         }
-        let Prepared { geometry, table, light_nodes, constants, uniform, .. } = prepared;
+        let Prepared { geometry, table, constants, uniform, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, !same, &table);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         self.scene.trace_with(self.gpu, self.plan.tracing, scene, &geometry)?;
         self.deformer.keep(geometry, sources);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         self.uniform = uniform;
-        self.shared.light_nodes = light_nodes.map(|nodes| self.gpu.upload("light_nodes", &nodes));
         self.constants = constants;
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
         self.select_strategy(self.settings.only);
@@ -413,17 +405,4 @@ impl Renderer for PathRenderer<'_> {
 fn lens_of(camera: &Camera) -> [f32; 2] {
     let lens = camera.lens.filter(|_| matches!(camera.projection, Projection::Perspective { .. }));
     lens.map_or([0.0, 1.0], |l| [l.radius, l.focus])
-}
-
-/// Checks that the device can bind the data of the scene's lights.
-fn check_binding(gpu: &Gpu, what: &str, bytes: usize) -> Result<(), RenderError> {
-    let limit = gpu.capabilities.max_storage_bytes;
-    if bytes as u64 <= limit {
-        return Ok(());
-    }
-    let text = format!(
-        "{what} needs a binding of {bytes} bytes; the adapter's limit is {limit}; use --light-sampling power, fewer lights \
-         or --method reference"
-    );
-    Err(GpuError::Device(text).into())
 }

@@ -6,7 +6,7 @@ use std::fmt;
 use crate::film;
 use crate::gpu::{Capabilities, Flag, flag_names};
 use crate::render::adaptive_sampling;
-use crate::render::layouts::{FirstHit, PathVertex, Reservoir};
+use crate::render::layouts::{FirstHit, PathVertex};
 use crate::render::planned_pass::PlannedPass;
 use crate::render::scene_flags::{chosen, light_flags, surface_flags};
 use crate::render::visibility::tracer::Tracing;
@@ -130,7 +130,7 @@ fn passes(stats: &SceneStats, settings: &Settings, light_sampling: LightSampling
 fn pixel_bytes(settings: &Settings, light_sampling: LightSampling) -> u64 {
     let pixels = u64::from(settings.width) * u64::from(settings.height);
     let resampling = match light_sampling {
-        LightSampling::Restir => 2 * (size_of::<FirstHit>() + size_of::<Reservoir>()) as u64,
+        LightSampling::Restir => 2 * size_of::<FirstHit>() as u64,
         LightSampling::Ris => size_of::<FirstHit>() as u64,
         _ => 0,
     };

@@ -8,11 +8,11 @@
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::layouts;
 
-/// The pass, with first hits and reservoirs of even and of odd samples.
+/// The pass, with first hits and their reservoirs of even and of odd samples.
 pub struct Reservoirs {
     compute: Compute,
     hits: [wgpu::Buffer; 2],
-    reservoirs: Option<[wgpu::Buffer; 2]>,
+    reuse: bool,
 }
 
 impl Reservoirs {
@@ -24,7 +24,7 @@ impl Reservoirs {
         Self {
             compute: Compute::new(gpu, "subpaths/reservoirs", &flags),
             hits: pair("first_hits", pixels * size_of::<layouts::FirstHit>() as u64),
-            reservoirs: reuse.then(|| pair("reservoirs", pixels * size_of::<layouts::Reservoir>() as u64)),
+            reuse,
         }
     }
 
@@ -32,21 +32,14 @@ impl Reservoirs {
     #[must_use]
     pub fn bindings(&self, number: u64) -> Vec<(&str, wgpu::BindingResource<'_>)> {
         // Without reuse there is one buffer of first hits.
-        let now = if self.reservoirs.is_some() { number as usize % 2 } else { 0 };
-        let mut bindings = vec![("first_hits", self.hits[now].as_entire_binding())];
-        if let Some(reservoirs) = &self.reservoirs {
-            bindings.extend([
-                ("past_hits", self.hits[1 - now].as_entire_binding()),
-                ("reservoirs", reservoirs[now].as_entire_binding()),
-                ("past_reservoirs", reservoirs[1 - now].as_entire_binding()),
-            ]);
-        }
-        bindings
+        let now = if self.reuse { number as usize % 2 } else { 0 };
+        let past = self.reuse.then(|| ("past_hits", self.hits[1 - now].as_entire_binding()));
+        std::iter::once(("first_hits", self.hits[now].as_entire_binding())).chain(past).collect()
     }
 
     /// Returns all buffers, of even and of odd samples.
     pub fn buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
-        self.hits.iter().chain(self.reservoirs.iter().flatten())
+        self.hits.iter()
     }
 
     /// Records the pass over `count` pixels.

@@ -8,6 +8,7 @@ use crate::render::layouts;
 use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::records;
 use crate::render::upload::sheen;
+use crate::render::upload::tables::{Table, TableData, Tables};
 use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
 use crate::render::visibility::tracer::{TracedScene, Tracer, Tracing};
@@ -31,24 +32,15 @@ pub struct GpuScene {
     tracer: Option<Tracer>,
     /// Attributes of vertices other than positions.
     pub attributes: wgpu::Buffer,
-    triangle_buffer: wgpu::Buffer,
-    materials: wgpu::Buffer,
-    /// Layers on top of materials, if shaders read them.
-    layers: Option<wgpu::Buffer>,
-    /// Albedo of a sheen, if shaders read it.
-    sheen_albedos: Option<wgpu::Buffer>,
+    /// Triangles, materials and lights.
+    tables: Tables,
     textures: Option<Textures>,
     /// True if vertices have tangents and texture coordinates.
     textured: bool,
     environment_map: Option<wgpu::TextureView>,
     sphere: (Vec3, f32),
     lighting: wgpu::Buffer,
-    /// Tables of lights by their names in shaders, without empty ones.
-    tables: Vec<(&'static str, wgpu::Buffer)>,
 }
-
-/// Names of the tables of lights, which may be empty.
-const TABLES: [&str; 5] = ["lights", "light_sums", "emitters", "patterns", "sky_table"];
 
 impl GpuScene {
     /// Uploads the data that shaders with these flags declare. An empty scene becomes one degenerate
@@ -77,14 +69,6 @@ impl GpuScene {
                 geometry.vertices.len()
             )));
         }
-        let largest = size_of_val(lights.records.as_slice()) as u64;
-        if largest > limit {
-            return Err(GpuError::Device(format!(
-                "the scene has {} lights, which need a binding of {largest} bytes; the adapter's limit is {limit}; use fewer or \
-                 --method reference",
-                lights.count()
-            )));
-        }
         let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
         let (mut materials, layers): (Vec<_>, Vec<_>) =
@@ -93,24 +77,38 @@ impl GpuScene {
             materials.push(layouts::Material::default());
         }
         let has_layers = Flag::LAYERS.iter().any(|flag| flags.contains(flag));
-        let layers = has_layers.then(|| gpu.upload("layers", &layers));
-        let sheen_albedos = flags.contains(&Flag::Sheen).then(|| gpu.upload("sheen_albedos", &sheen::albedos()));
+        let mut data = TableData::default();
+        data.add(Table::Triangles, &triangles);
+        data.add(Table::Materials, &materials);
+        data.add(Table::Layers, if has_layers { &layers } else { &[] });
+        data.add(Table::TextureUses, atlas.uses());
+        if flags.contains(&Flag::Sheen) {
+            data.add(Table::SheenAlbedos, &sheen::albedos());
+        }
+        for (table, records) in tables_of(lights) {
+            data.add(table, records);
+        }
+        if data.size() > limit {
+            return Err(GpuError::Device(format!(
+                "the scene's {} triangles and {} lights need a binding of {} bytes; the adapter's limit is {limit}; simplify \
+                 the scene, use fewer lights or --method reference",
+                geometry.triangles.len(),
+                lights.count(),
+                data.size()
+            )));
+        }
+        let tables = Tables::new(gpu, data, triangles.len() as u32);
         let lighting = gpu.uniform::<layouts::Lighting>("lighting");
         gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&lights.lighting));
         let map = scene.environment.as_ref().and_then(|e| e.map.as_ref());
         let environment_map = map.map(|map| upload_map(gpu, map)).transpose()?;
         let attributes = gpu.upload("attributes", &attributes);
-        let triangle_buffer = gpu.upload("triangles", &triangles);
-        let materials = gpu.upload("materials", &materials);
-        let tables: Vec<_> = tables_of(lights).map(|(name, data)| (name, gpu.upload(name, data))).collect();
         let positions = upload_positions(gpu, &positions);
         let mut bytes =
-            [&positions, &attributes, &triangle_buffer, &materials, &lighting].map(|b| b.size()).iter().sum();
-        bytes += tables.iter().map(|(_, table)| table.size()).sum::<u64>();
+            [&positions, &attributes, &tables.buffer, &tables.rows, &lighting].map(wgpu::Buffer::size).iter().sum();
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
-        bytes += [&layers, &sheen_albedos].into_iter().flatten().map(wgpu::Buffer::size).sum::<u64>();
         let textures = atlas.finish(gpu);
-        bytes += textures.as_ref().map_or(0, |t| t.uses.size() + atlas.bytes);
+        bytes += textures.as_ref().map_or(0, |_| atlas.bytes);
         let mut this = Self {
             triangles: triangles.len() as u32,
             capacity,
@@ -121,14 +119,10 @@ impl GpuScene {
             positions,
             tracer: None,
             attributes,
-            triangle_buffer,
-            materials,
-            layers,
-            sheen_albedos,
+            tables,
             textures,
             environment_map,
             lighting,
-            tables,
             textured,
         };
         this.add_placeholders(gpu, flags);
@@ -137,17 +131,6 @@ impl GpuScene {
 
     /// Adds placeholders for resources that shaders with these flags declare and the scene lacks.
     fn add_placeholders(&mut self, gpu: &Gpu, flags: &[Flag]) {
-        for name in TABLES {
-            let is_declared = match name {
-                "emitters" => flags.contains(&Flag::Emission),
-                "patterns" => flags.contains(&Flag::Patterns),
-                "sky_table" => flags.contains(&Flag::EnvironmentMap),
-                _ => [Flag::Punctual, Flag::Emission, Flag::Environment].iter().any(|flag| flags.contains(flag)),
-            };
-            if is_declared && !self.tables.iter().any(|(present, _)| *present == name) {
-                self.tables.push((name, gpu.storage(name, 256)));
-            }
-        }
         if flags.contains(&Flag::EnvironmentMap) {
             self.environment_map.get_or_insert_with(|| {
                 let texel = texture(gpu, "environment_map", wgpu::TextureFormat::Rgba32Float, [1, 1, 1]);
@@ -156,7 +139,7 @@ impl GpuScene {
         }
         if flags.contains(&Flag::Textures) && self.textures.is_none() {
             let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
-            self.textures = Some(Textures::new(gpu, &texels, &[layouts::TextureUse::default()]));
+            self.textures = Some(Textures::new(gpu, &texels));
         }
     }
 
@@ -175,22 +158,18 @@ impl GpuScene {
         let mut all = vec![
             ("positions", self.positions.as_entire_binding()),
             ("attributes", self.attributes.as_entire_binding()),
-            ("triangles", self.triangle_buffer.as_entire_binding()),
-            ("materials", self.materials.as_entire_binding()),
+            ("tables", self.tables.buffer.as_entire_binding()),
+            ("table_rows", self.tables.rows.as_entire_binding()),
             ("lighting", self.lighting.as_entire_binding()),
         ];
-        all.extend(self.layers.iter().map(|layers| ("layers", layers.as_entire_binding())));
-        all.extend(self.sheen_albedos.iter().map(|table| ("sheen_albedos", table.as_entire_binding())));
         if let Some(textures) = &self.textures {
             all.extend([
-                ("texture_uses", textures.uses.as_entire_binding()),
                 ("texels", wgpu::BindingResource::TextureView(&textures.texels)),
                 ("texels_srgb", wgpu::BindingResource::TextureView(&textures.texels_srgb)),
                 ("bilinear", wgpu::BindingResource::Sampler(&textures.bilinear)),
             ]);
         }
         all.extend(self.environment_map.iter().map(|m| ("environment_map", wgpu::BindingResource::TextureView(m))));
-        all.extend(self.tables.iter().map(|(name, table)| (*name, table.as_entire_binding())));
         all.extend(self.tracer.iter().flat_map(Tracer::bindings));
         all.extend_from_slice(own);
         all
@@ -200,13 +179,9 @@ impl GpuScene {
     /// the same, and vertices and triangles fit the capacity.
     #[must_use]
     pub fn fits(&self, scene: &Scene, geometry: &Geometry, lights: &LightTable) -> bool {
-        let same_size =
-            |buffer: &wgpu::Buffer, data: &[u8]| buffer.size() == (data.len() as u64).next_multiple_of(16).max(16);
-        let tables: Vec<_> = tables_of(lights).collect();
         scene.materials == self.source
             && self.capacity.holds(geometry)
-            && self.tables.len() == tables.len()
-            && self.tables.iter().zip(tables).all(|((name, table), (n, data))| *name == n && same_size(table, data))
+            && tables_of(lights).into_iter().all(|(table, records)| self.tables.bytes_of(table) == records.len())
     }
 
     /// Uploads the triangles, lights and bounds of another pose that [fits](Self::fits). `refined` is true if
@@ -218,7 +193,7 @@ impl GpuScene {
         } else {
             triangles_of(geometry).take(plain).collect()
         };
-        gpu.queue.write_buffer(&self.triangle_buffer, 0, bytemuck::cast_slice(&triangles));
+        self.tables.write(gpu, Table::Triangles, &triangles);
         self.relight(gpu, lights);
         (self.bounds, self.sphere) = (geometry.bounds, geometry.sphere());
     }
@@ -226,10 +201,8 @@ impl GpuScene {
     /// Uploads new positions and probabilities of the same lights.
     pub fn relight(&self, gpu: &Gpu, lights: &LightTable) {
         gpu.queue.write_buffer(&self.lighting, 0, bytemuck::bytes_of(&lights.lighting));
-        for (name, data) in tables_of(lights) {
-            for (_, table) in self.tables.iter().filter(|(present, _)| *present == name) {
-                gpu.queue.write_buffer(table, 0, data);
-            }
+        for (table, records) in tables_of(lights) {
+            self.tables.write(gpu, table, records);
         }
     }
 
@@ -273,17 +246,17 @@ impl GpuScene {
     }
 }
 
-/// Returns the tables of lights by their names in shaders, without empty ones.
-fn tables_of(lights: &LightTable) -> impl Iterator<Item = (&'static str, &[u8])> {
-    let bytes: [&[u8]; 5] = [
+/// Returns the tables of lights, of which some may be empty.
+fn tables_of(lights: &LightTable) -> [(Table, &[u8]); 6] {
+    [
         // Without lights the table holds one record that is never chosen.
-        bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records }),
-        bytemuck::cast_slice(&lights.sums),
-        bytemuck::cast_slice(&lights.emitters),
-        bytemuck::cast_slice(&lights.patterns),
-        bytemuck::cast_slice(&lights.sky_shares),
-    ];
-    TABLES.into_iter().zip(bytes).filter(|(_, data)| !data.is_empty())
+        (Table::Lights, bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records })),
+        (Table::LightSums, bytemuck::cast_slice(&lights.sums)),
+        (Table::Emitters, bytemuck::cast_slice(&lights.emitters)),
+        (Table::Patterns, bytemuck::cast_slice(&lights.patterns)),
+        (Table::SkyShares, bytemuck::cast_slice(&lights.sky_shares)),
+        (Table::LightNodes, bytemuck::cast_slice(&lights.nodes)),
+    ]
 }
 
 /// Uploads positions, to a buffer that acceleration structures can be built from if the device has ray

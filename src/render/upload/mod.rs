@@ -6,6 +6,7 @@ pub mod gpu_scene;
 mod materials;
 pub mod rest_mesh;
 mod sheen;
+mod tables;
 pub mod tessellate;
 pub mod textures;
 mod vertices;

@@ -19,10 +19,12 @@ pub struct RestMesh {
     instances: Vec<PosedInstance>,
     vertices: wgpu::Buffer,
     posed_instances: wgpu::Buffer,
-    /// Joints of vertices and matrices of joints, if any mesh is skinned.
-    skins: Option<(wgpu::Buffer, wgpu::Buffer)>,
-    /// Offsets of vertices and weights of morph targets, if there are any.
-    morphs: Option<(wgpu::Buffer, wgpu::Buffer)>,
+    /// Joints of vertices, if any mesh is skinned.
+    skins: Option<wgpu::Buffer>,
+    /// Offsets of vertices, if there are morph targets.
+    morphs: Option<wgpu::Buffer>,
+    /// Matrices of joints, then weights of morph targets, if there are any.
+    pose_rows: Option<wgpu::Buffer>,
 }
 
 /// Returns the deformation of a mesh; None if it is rigid.
@@ -122,11 +124,10 @@ impl RestMesh {
         Ok(Self {
             vertices: gpu.upload("rest", &rest),
             posed_instances: storage("posed_instances", size_of_val(instances.as_slice())),
-            skins: (!joints.is_empty())
-                .then(|| (gpu.upload("joints", &joints), storage("joint_matrices", size_of_val(matrices.as_slice())))),
-            morphs: (!offsets.is_empty()).then(|| {
-                (gpu.upload("morph_offsets", &offsets), storage("morph_weights", size_of_val(weights.as_slice())))
-            }),
+            skins: (!joints.is_empty()).then(|| gpu.upload("joints", &joints)),
+            morphs: (!offsets.is_empty()).then(|| gpu.upload("morph_offsets", &offsets)),
+            pose_rows: (!joints.is_empty() || !offsets.is_empty())
+                .then(|| storage("pose_rows", size_of_val(matrices.as_slice()) + size_of_val(weights.as_slice()))),
             first,
             instances,
         })
@@ -154,25 +155,23 @@ impl RestMesh {
             posed.world_from_local = [0, 1, 2].map(|row| world.row(row).to_array());
             if let Some(s) = shapes.iter().position(|shape| shape.mesh == instance.mesh) {
                 posed.matrices = shapes[s].skin.map_or(NONE, |skin| first_matrices[skin]);
-                posed.weights = first_weights[s];
+                posed.weights = (16 * matrices.len()) as u32 + first_weights[s];
                 let weights = first_weights[s + 1] - first_weights[s];
                 posed.targets = weights.min(shapes[s].deformation.targets.len() as u32);
             }
         }
         gpu.queue.write_buffer(&self.posed_instances, 0, bytemuck::cast_slice(&self.instances));
-        if let Some((_, joint_matrices)) = &self.skins {
-            gpu.queue.write_buffer(joint_matrices, 0, bytemuck::cast_slice(&matrices));
-        }
-        if let Some((_, morph_weights)) = &self.morphs {
-            gpu.queue.write_buffer(morph_weights, 0, bytemuck::cast_slice(&weights));
+        if let Some(rows) = &self.pose_rows {
+            gpu.queue.write_buffer(rows, 0, bytemuck::cast_slice(&matrices));
+            gpu.queue.write_buffer(rows, size_of_val(matrices.as_slice()) as u64, bytemuck::cast_slice(&weights));
         }
     }
 
     /// Returns the bytes of all buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let pairs = self.skins.iter().chain(&self.morphs).map(|(a, b)| a.size() + b.size());
-        self.vertices.size() + self.posed_instances.size() + pairs.sum::<u64>()
+        let own = self.skins.iter().chain(&self.morphs).chain(&self.pose_rows).map(wgpu::Buffer::size);
+        self.vertices.size() + self.posed_instances.size() + own.sum::<u64>()
     }
 
     /// Returns the bindings of shaders/lib/scene/pose.wesl.
@@ -182,18 +181,8 @@ impl RestMesh {
             ("rest", self.vertices.as_entire_binding()),
             ("posed_instances", self.posed_instances.as_entire_binding()),
         ];
-        if let Some((joints, joint_matrices)) = &self.skins {
-            all.extend([
-                ("joints", joints.as_entire_binding()),
-                ("joint_matrices", joint_matrices.as_entire_binding()),
-            ]);
-        }
-        if let Some((offsets, morph_weights)) = &self.morphs {
-            all.extend([
-                ("morph_offsets", offsets.as_entire_binding()),
-                ("morph_weights", morph_weights.as_entire_binding()),
-            ]);
-        }
+        let own = [("joints", &self.skins), ("morph_offsets", &self.morphs), ("pose_rows", &self.pose_rows)];
+        all.extend(own.into_iter().filter_map(|(name, buffer)| Some((name, buffer.as_ref()?.as_entire_binding()))));
         all
     }
 }

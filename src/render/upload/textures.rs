@@ -10,9 +10,8 @@ use crate::render::layouts::index::NONE;
 use crate::render::layouts::texture_flags::{LINEAR, SECOND_UV, SRGB};
 use crate::scene::{Color, EnvironmentMap, Filter, Image, NormalMap, Scalar, Scene, TextureRef, Wrap};
 
-/// The texture array and the uses of textures by materials.
+/// The texture array.
 pub(super) struct Textures {
-    pub(super) uses: wgpu::Buffer,
     pub(super) texels: wgpu::TextureView,
     pub(super) texels_srgb: wgpu::TextureView,
     pub(super) bilinear: wgpu::Sampler,
@@ -34,7 +33,7 @@ pub(super) fn upload_map(gpu: &Gpu, map: &EnvironmentMap) -> Result<wgpu::Textur
 }
 
 impl Textures {
-    pub(super) fn new(gpu: &Gpu, array: &wgpu::Texture, uses: &[layouts::TextureUse]) -> Self {
+    pub(super) fn new(gpu: &Gpu, array: &wgpu::Texture) -> Self {
         let view = |format| {
             array.create_view(&wgpu::TextureViewDescriptor {
                 format: Some(format),
@@ -43,7 +42,6 @@ impl Textures {
             })
         };
         Self {
-            uses: gpu.upload("texture_uses", uses),
             texels: view(wgpu::TextureFormat::Rgba8Unorm),
             texels_srgb: view(wgpu::TextureFormat::Rgba8UnormSrgb),
             bilinear: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
@@ -54,6 +52,14 @@ impl Textures {
             }),
         }
     }
+}
+
+/// Uploads a table of numbers as a texture.
+#[must_use]
+pub fn upload_numbers(gpu: &Gpu, label: &str, [width, height]: [u32; 2], numbers: &[f32]) -> wgpu::TextureView {
+    let table = texture(gpu, label, wgpu::TextureFormat::R32Float, [width, height, 1]);
+    write_texture(gpu, &table, [0, 0, 0], [width, height], 4, bytemuck::cast_slice(numbers));
+    table.create_view(&Default::default())
 }
 
 /// Creates a texture array.
@@ -179,12 +185,14 @@ impl Atlas {
         })
     }
 
-    /// Returns the resources that passes bind; None without images. Uses are a placeholder if no material has
-    /// a texture.
+    /// Returns the resources that passes bind; None without images.
     pub(super) fn finish(&self, gpu: &Gpu) -> Option<Textures> {
-        let none = [layouts::TextureUse::default()];
-        let uses = if self.uses.is_empty() { &none[..] } else { &self.uses };
-        self.texture.as_ref().map(|array| Textures::new(gpu, array, uses))
+        self.texture.as_ref().map(|array| Textures::new(gpu, array))
+    }
+
+    /// Returns the uses of textures by materials.
+    pub(super) fn uses(&self) -> &[layouts::TextureUse] {
+        &self.uses
     }
 
     /// Ends the uses of a material, and returns the first one and the one after the last.

@@ -25,11 +25,8 @@ const LEAF: u32 = 3;
 /// A triangle on the device: corners, the first with 1 if hits have to be confirmed, the second with the index.
 type Triangle = [[u32; 4]; 3];
 
-/// The hierarchy on the device.
-pub struct Bvh {
-    nodes: wgpu::Buffer,
-    triangles: wgpu::Buffer,
-}
+/// The hierarchy on the device: nodes, then triangles.
+pub struct Bvh(wgpu::Buffer);
 
 impl Bvh {
     /// Builds the hierarchy from the positions on the device, which other passes read, too.
@@ -70,7 +67,13 @@ impl Bvh {
         if nodes.is_empty() {
             (nodes, triangles) = (vec![CwBvhNode::default()], vec![Triangle::default()]);
         }
-        let bytes = size_of_val(&*nodes).max(size_of_val(&*triangles)) as u64;
+        // Triangles begin at a multiple of their size.
+        let before = size_of_val(&*nodes).div_ceil(size_of::<Triangle>());
+        nodes.iter_mut().for_each(|node| node.primitive_base_idx += before as u32);
+        let mut contents = bytemuck::cast_slice::<_, u8>(&nodes).to_vec();
+        contents.resize(before * size_of::<Triangle>(), 0);
+        contents.extend_from_slice(bytemuck::cast_slice(&triangles));
+        let bytes = contents.len() as u64;
         let limit = gpu.capabilities.max_storage_bytes;
         if bytes > limit {
             return Err(GpuError::Device(format!(
@@ -78,7 +81,7 @@ impl Bvh {
                  simplify the scene, or use --visibility ray-query or exact"
             )));
         }
-        let this = Self { nodes: gpu.upload("bvh_nodes", &nodes), triangles: gpu.upload("ray_triangles", &triangles) };
+        let this = Self(gpu.upload("bvh", &contents));
         let millis = began.elapsed().as_secs_f64() * 1e3;
         log::debug!("bvh: {} nodes on {levels} levels over {count} triangles in {millis:.1} ms", nodes.len());
         Ok(this)
@@ -86,14 +89,14 @@ impl Bvh {
 
     /// Returns the bindings of shaders/visibility/bvh.wesl.
     #[must_use]
-    pub fn bindings(&self) -> [Binding<'_>; 2] {
-        [("bvh_nodes", self.nodes.as_entire_binding()), ("ray_triangles", self.triangles.as_entire_binding())]
+    pub fn bindings(&self) -> [Binding<'_>; 1] {
+        [("bvh", self.0.as_entire_binding())]
     }
 
     /// Returns the bytes of the buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.nodes.size() + self.triangles.size()
+        self.0.size()
     }
 }
 

@@ -27,8 +27,10 @@ pub struct Grid {
     grid: wgpu::Buffer,
     /// One uniform for each axis along which distances are found.
     axes: [wgpu::Buffer; 3],
-    words: wgpu::Buffer,
-    triangles: wgpu::Buffer,
+    /// Triangles, then the words of cells and lists.
+    rows: wgpu::Buffer,
+    /// Byte at which words begin.
+    words_at: u64,
     counts: wgpu::Buffer,
     distances: [wgpu::Buffer; 2],
     /// Sub-cells, and entries of lists.
@@ -121,8 +123,8 @@ impl Grid {
             passes: Passes::new(gpu),
             grid: gpu.uniform::<layouts::Grid>("grid"),
             axes: [0, 1, 2].map(axis),
-            words: none("grid_words"),
-            triangles: none("ray_triangles"),
+            rows: none("grid_rows"),
+            words_at: 0,
             counts: none("counts"),
             distances: [none("distances"), none("distances")],
             totals: gpu.storage("totals", 16),
@@ -137,6 +139,11 @@ impl Grid {
     /// As [`Self::new`].
     pub fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene) -> Result<(), GpuError> {
         let mut grid = frame_of(scene);
+        // Parts of a buffer are bound at multiples of this.
+        let alignment = u64::from(wgpu::Limits::default().min_storage_buffer_offset_alignment);
+        self.words_at = (48 * u64::from(scene.triangles)).next_multiple_of(alignment);
+        let words = self.words_at / 4;
+        grid.words = words as u32;
         let cells = u64::from(grid.size[0]) * u64::from(grid.size[1]) * u64::from(grid.size[2]);
         let all_triangles = rows(scene.triangles);
         let all_cells = rows(cells as u32);
@@ -144,9 +151,8 @@ impl Grid {
         write(&grid, &self.grid);
 
         let mut recording = Recording::new(gpu, scene, "grid: cells");
-        recording.lengthen(&mut self.triangles, "ray_triangles", 12 * u64::from(scene.triangles), 0);
         recording.lengthen(&mut self.counts, "counts", cells, 0);
-        recording.lengthen(&mut self.words, "grid_words", cells, 0);
+        recording.lengthen(&mut self.rows, "grid_rows", words + cells, 0);
         self.distances.iter_mut().for_each(|buffer| recording.lengthen(buffer, "distances", cells, 0));
         recording.encoder.clear_buffer(&self.counts, 0, None);
         recording.encoder.clear_buffer(&self.totals, 0, None);
@@ -155,25 +161,25 @@ impl Grid {
         recording.submit();
         let sub_cells = u64::from(read_back::<u32>(gpu, &self.totals, 1)?[0]);
         let lists = cells + sub_cells;
-        check(gpu, lists)?;
+        check(gpu, words, lists)?;
         grid.lists = lists as u32;
         write(&grid, &self.grid);
 
         let mut recording = Recording::new(gpu, scene, "grid: sub-cells");
         recording.lengthen(&mut self.counts, "counts", lists, cells);
-        recording.lengthen(&mut self.words, "grid_words", lists, cells);
+        recording.lengthen(&mut self.rows, "grid_rows", words + lists, words + cells);
         if sub_cells > 0 {
             recording.run(&self.passes.count_lists, all_triangles, &self.inputs());
         }
         recording.run(&self.passes.reserve, rows(lists as u32), &self.inputs());
         recording.submit();
         let entries = u64::from(read_back::<u32>(gpu, &self.totals, 2)?[1]);
-        check(gpu, lists + entries)?;
+        check(gpu, words, lists + entries)?;
 
         let mut recording = Recording::new(gpu, scene, "grid: lists");
-        recording.lengthen(&mut self.words, "grid_words", lists + entries, lists);
+        recording.lengthen(&mut self.rows, "grid_rows", words + lists + entries, words + lists);
         // Triangles are added to entries that hold nothing but the mark of a list's end.
-        recording.encoder.clear_buffer(&self.words, 4 * lists, None);
+        recording.encoder.clear_buffer(&self.rows, self.words_at + 4 * lists, None);
         recording.run(&self.passes.mark, rows(lists as u32), &self.inputs());
         recording.run(&self.passes.write, all_triangles, &self.inputs());
         for (axis, along) in self.axes.iter().enumerate() {
@@ -189,21 +195,28 @@ impl Grid {
 
     /// Returns the bindings of the passes that build the grid.
     fn inputs(&self) -> Vec<Binding<'_>> {
-        let own = [bind("counts", &self.counts), bind("totals", &self.totals)];
-        [self.bindings().as_slice(), &own].concat()
+        let part =
+            |offset, size| wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.rows, offset, size });
+        vec![
+            bind("grid", &self.grid),
+            ("ray_triangles", part(0, wgpu::BufferSize::new(self.words_at))),
+            ("grid_words", part(self.words_at, None)),
+            bind("counts", &self.counts),
+            bind("totals", &self.totals),
+        ]
     }
 
     /// Returns the bindings of shaders/visibility/grid.wesl.
     #[must_use]
-    pub fn bindings(&self) -> [Binding<'_>; 3] {
-        [bind("grid", &self.grid), bind("grid_words", &self.words), bind("ray_triangles", &self.triangles)]
+    pub fn bindings(&self) -> [Binding<'_>; 2] {
+        [bind("grid", &self.grid), bind("grid_rows", &self.rows)]
     }
 
     /// Returns the bytes of the buffers.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let Self { words, triangles, counts, distances: [before, after], .. } = self;
-        [words, triangles, counts, before, after].map(wgpu::Buffer::size).iter().sum()
+        let Self { rows, counts, distances: [before, after], .. } = self;
+        [rows, counts, before, after].map(wgpu::Buffer::size).iter().sum()
     }
 }
 
@@ -211,9 +224,9 @@ fn bind<'a>(name: &'a str, buffer: &'a wgpu::Buffer) -> Binding<'a> {
     (name, buffer.as_entire_binding())
 }
 
-/// Checks that words can be bound and addressed.
-fn check(gpu: &Gpu, words: u64) -> Result<(), GpuError> {
-    let limit = (gpu.capabilities.max_storage_bytes / 4).min(MOST_WORDS);
+/// Checks that words can be bound behind others, and addressed.
+fn check(gpu: &Gpu, before: u64, words: u64) -> Result<(), GpuError> {
+    let limit = (gpu.capabilities.max_storage_bytes / 4).saturating_sub(before).min(MOST_WORDS);
     if words <= limit {
         return Ok(());
     }

@@ -6,6 +6,7 @@
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::layouts;
+use crate::render::layouts::light_pool::MOST_LIGHT_POINTS;
 use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
 use crate::render::visibility::view::ViewBuffers;
@@ -19,14 +20,15 @@ pub struct LightReservoirs {
     /// The reservoirs of this iteration, which pass light_candidates writes.
     pub reservoirs: wgpu::Buffer,
     past_reservoirs: wgpu::Buffer,
+    /// A copy of the light points of the last iteration, a uniform.
     past_points: wgpu::Buffer,
 }
 
 impl LightReservoirs {
-    /// Builds the pipelines for `points` light candidates and `pixels` of the image. `select` and `test` are
+    /// Builds the pipelines for `pixels` of the image. `select` and `test` are
     /// the flags of either shader.
     #[must_use]
-    pub fn new(gpu: &Gpu, select: &[Flag], test: &[Flag], points: u32, pixels: u64, biased: bool) -> Self {
+    pub fn new(gpu: &Gpu, select: &[Flag], test: &[Flag], pixels: u64, biased: bool) -> Self {
         let reservoirs = || gpu.storage("pixel_reservoirs", pixels * size_of::<layouts::PixelReservoir>() as u64);
         let shader = "shared/light/light_reservoirs";
         let test = [test, &[Flag::Reuse]].concat();
@@ -37,15 +39,18 @@ impl LightReservoirs {
             biased,
             reservoirs: reservoirs(),
             past_reservoirs: reservoirs(),
-            past_points: gpu.storage("light_points", u64::from(points) * size_of::<layouts::LightPoint>() as u64),
+            past_points: gpu
+                .storage("light_points", u64::from(MOST_LIGHT_POINTS) * size_of::<layouts::LightPoint>() as u64),
         }
     }
 
     /// Begins an iteration: its reservoirs and light points become those of the last one. `has_past` is false
     /// for the first.
-    pub fn swap_history(&mut self, gpu: &Gpu, has_past: bool, light_points: &mut wgpu::Buffer) {
+    pub fn swap_history(&mut self, gpu: &Gpu, has_past: bool, light_points: &wgpu::Buffer) {
         std::mem::swap(&mut self.reservoirs, &mut self.past_reservoirs);
-        std::mem::swap(light_points, &mut self.past_points);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(light_points, 0, &self.past_points, 0, light_points.size());
+        gpu.queue.submit([encoder.finish()]);
         let reuse = layouts::Reuse { has_past: u32::from(has_past), biased: u32::from(self.biased) };
         gpu.queue.write_buffer(&self.reuse, 0, bytemuck::bytes_of(&reuse));
     }
