@@ -15,7 +15,7 @@ pub struct WindowArgs {
 /// Opens the window and shows the scene until it is closed.
 #[cfg(feature = "viewer")]
 pub fn run(WindowArgs { view: args, grade }: &WindowArgs) -> Result<()> {
-    use lightsheaf::viewer::orbit_camera::OrbitCamera;
+    use lightsheaf::staging::OrbitCamera;
     use lightsheaf::viewer::state::Launch;
     use lightsheaf::viewer::window;
 

@@ -1,5 +1,6 @@
 //! OpenEXR files: a picture in the channels R, G and B, further channels, and text attributes.
 
+use std::io::Cursor;
 use std::path::Path;
 
 use exr::meta::attribute::{AttributeValue, Text};
@@ -53,14 +54,24 @@ impl Picture {
     /// fails.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FilmError> {
         let path = path.as_ref();
-        self.film.check_pixels(path)?;
+        let failed = |cause| FilmError::Write { path: path.to_owned(), cause };
+        let bytes = self.encode().map_err(failed)?;
+        replace(path, &|temporary| std::fs::write(temporary, &bytes).map_err(|e| e.to_string()))
+    }
+
+    /// Returns the bytes of an .exr.
+    ///
+    /// # Errors
+    /// Returns the cause if there are no pixels, or a channel has another number of values than the film has
+    /// pixels.
+    pub fn encode(&self) -> Result<Vec<u8>, String> {
+        self.film.check_pixels()?;
         if let Some(bad) = self.channels.iter().find(|channel| channel.values.len() != self.film.pixels.len()) {
-            let cause = format!("the channel {} has {} values", bad.name, bad.values.len());
-            return Err(FilmError::Write { path: path.to_owned(), cause });
+            return Err(format!("the channel {} has {} values", bad.name, bad.values.len()));
         }
         let mut attributes = self.attributes.clone();
         attributes.extend(self.record.iter().flat_map(Record::attributes));
-        replace(path, &|temporary| write(temporary, &self.film, &self.channels, &attributes, self.window))
+        encode(&self.film, &self.channels, &attributes, self.window)
     }
 
     /// Reads an .exr (half or float; the first layer that has R, G and B).
@@ -68,7 +79,56 @@ impl Picture {
     /// # Errors
     /// Returns [`FilmError::Read`] if the file cannot be read.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
-        read(path.as_ref()).map_err(|cause| FilmError::Read { path: path.as_ref().to_owned(), cause })
+        let path = path.as_ref();
+        let read = std::fs::read(path).map_err(|e| e.to_string()).and_then(|bytes| Self::decode(&bytes));
+        read.map_err(|cause| FilmError::Read { path: path.to_owned(), cause })
+    }
+
+    /// Reads the bytes of an .exr as [`Self::load`] does.
+    ///
+    /// # Errors
+    /// Returns the cause if the bytes are not such an .exr.
+    pub fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| e.to_string())?;
+        let pixels = meta.headers.iter().map(|h| h.layer_size.area() as u64).max().unwrap_or(0);
+        if pixels > MAX_PIXELS {
+            return Err(format!("{pixels} pixels are more than {MAX_PIXELS}"));
+        }
+        let image = exr::prelude::read()
+            .no_deep_data()
+            .largest_resolution_level()
+            .all_channels()
+            .all_layers()
+            .all_attributes()
+            .from_buffered(Cursor::new(bytes))
+            .map_err(|e| e.to_string())?;
+        let position = |layer: &Layer<AnyChannels<FlatSamples>>, name: &str| {
+            layer.channel_data.list.iter().position(|channel| channel.name == *name)
+        };
+        let rgb = |layer: &Layer<AnyChannels<FlatSamples>>| -> Option<[usize; 3]> {
+            Some([position(layer, "R")?, position(layer, "G")?, position(layer, "B")?])
+        };
+        let wanted = "a layer with channels R, G and B is needed";
+        let (layer, rgb) = image.layer_data.iter().find_map(|layer| Some((layer, rgb(layer)?))).ok_or(wanted)?;
+        let list = &layer.channel_data.list;
+        let [r, g, b] = rgb.map(|at| list[at].sample_data.values_as_f32());
+        let pixels = r.zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
+        let others = list.iter().enumerate().filter(|(at, _)| !rgb.contains(at));
+        let channels = others
+            .map(|(_, c)| Channel { name: c.name.to_string(), values: c.sample_data.values_as_f32().collect() })
+            .collect();
+        let text = |(name, value): (&Text, &AttributeValue)| match value {
+            AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+            _ => None,
+        };
+        let attributes: Vec<_> =
+            image.attributes.other.iter().chain(&layer.attributes.other).filter_map(text).collect();
+        let record = Record::from_attributes(&attributes);
+        let mut attributes: Vec<_> = attributes.into_iter().filter(|(name, _)| !Record::owns(name)).collect();
+        attributes.sort();
+        let film = Film { width: layer.size.width() as u32, height: layer.size.height() as u32, pixels };
+        let window = window(&image.attributes, &layer.attributes, &film);
+        Ok(Self { film, channels, attributes, window, record })
     }
 
     /// Returns the values of a channel.
@@ -86,14 +146,13 @@ fn latin1(text: &str) -> Text {
     })
 }
 
-/// Writes a file without checks.
-pub(super) fn write(
-    path: &Path,
+/// Returns the bytes of an .exr without checks.
+pub(super) fn encode(
     film: &Film,
     channels: &[Channel],
     attributes: &[(String, String)],
     window: Option<Window>,
-) -> Result<(), String> {
+) -> Result<Vec<u8>, String> {
     let of_film = |name: &str, c: usize| {
         AnyChannel::new(name, FlatSamples::F32(film.pixels.iter().map(|pixel| pixel[c]).collect()))
     };
@@ -113,50 +172,9 @@ pub(super) fn write(
     }
     let texts = attributes.iter().map(|(name, text)| (latin1(name), AttributeValue::Text(latin1(text))));
     image.attributes.other.extend(texts);
-    image.write().to_file(path).map_err(|e| e.to_string())
-}
-
-/// Reads a file. Errors are causes without the name of the file.
-pub(super) fn read(path: &Path) -> Result<Picture, String> {
-    let meta = exr::meta::MetaData::read_from_file(path, false).map_err(|e| e.to_string())?;
-    let pixels = meta.headers.iter().map(|h| h.layer_size.area() as u64).max().unwrap_or(0);
-    if pixels > MAX_PIXELS {
-        return Err(format!("{pixels} pixels are more than {MAX_PIXELS}"));
-    }
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|e| e.to_string())?;
-    let position = |layer: &Layer<AnyChannels<FlatSamples>>, name: &str| {
-        layer.channel_data.list.iter().position(|channel| channel.name == *name)
-    };
-    let rgb = |layer: &Layer<AnyChannels<FlatSamples>>| -> Option<[usize; 3]> {
-        Some([position(layer, "R")?, position(layer, "G")?, position(layer, "B")?])
-    };
-    let wanted = "a layer with channels R, G and B is needed";
-    let (layer, rgb) = image.layer_data.iter().find_map(|layer| Some((layer, rgb(layer)?))).ok_or(wanted)?;
-    let list = &layer.channel_data.list;
-    let [r, g, b] = rgb.map(|at| list[at].sample_data.values_as_f32());
-    let pixels = r.zip(g).zip(b).map(|((r, g), b)| [r, g, b]).collect();
-    let others = list.iter().enumerate().filter(|(at, _)| !rgb.contains(at));
-    let channels = others
-        .map(|(_, c)| Channel { name: c.name.to_string(), values: c.sample_data.values_as_f32().collect() })
-        .collect();
-    let text = |(name, value): (&Text, &AttributeValue)| match value {
-        AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
-        _ => None,
-    };
-    let attributes: Vec<_> = image.attributes.other.iter().chain(&layer.attributes.other).filter_map(text).collect();
-    let record = Record::from_attributes(&attributes);
-    let mut attributes: Vec<_> = attributes.into_iter().filter(|(name, _)| !Record::owns(name)).collect();
-    attributes.sort();
-    let film = Film { width: layer.size.width() as u32, height: layer.size.height() as u32, pixels };
-    let window = window(&image.attributes, &layer.attributes, &film);
-    Ok(Picture { film, channels, attributes, window, record })
+    let mut bytes = Vec::new();
+    image.write().to_buffered(Cursor::new(&mut bytes)).map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 /// Returns where a picture lies in its display window; none if it fills the window, or leaves it.

@@ -103,10 +103,11 @@ impl Film {
             "png" => true,
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr or .png" }),
         };
-        self.check_pixels(path)?;
-        replace(path, &|temporary| {
-            if png { self.write_png(temporary, encode(self)) } else { exr::write(temporary, self, &[], &[], None) }
-        })
+        let failed = |cause| FilmError::Write { path: path.to_owned(), cause };
+        self.check_pixels().map_err(failed)?;
+        let bytes = if png { self.encode_png(encode(self)) } else { exr::encode(self, &[], &[], None) };
+        let bytes = bytes.map_err(failed)?;
+        replace(path, &|temporary| std::fs::write(temporary, &bytes).map_err(|e| e.to_string()))
     }
 
     /// Reads .exr (half or float RGB, first layer), .hdr, or .png (decoded from the encoding of
@@ -117,7 +118,7 @@ impl Film {
     pub fn load(path: impl AsRef<Path>) -> Result<Self, FilmError> {
         let path = path.as_ref();
         match extension(path).as_str() {
-            "exr" => exr::read(path).map(|image| image.film),
+            "exr" => return exr::Picture::load(path).map(|picture| picture.film),
             "hdr" => read_raster(path, image::ImageFormat::Hdr),
             "png" => read_raster(path, image::ImageFormat::Png),
             _ => return Err(FilmError::Format { path: path.to_owned(), expected: ".exr, .hdr or .png" }),
@@ -131,21 +132,20 @@ impl Film {
         self.pixels.iter().flatten().map(|v| (srgb_from_linear(v * exposure) * 255.0 + 0.5) as u8).collect()
     }
 
-    /// Checks that there is a pixel, and one for each place. Errors name the file that is to be written.
-    fn check_pixels(&self, path: &Path) -> Result<(), FilmError> {
+    /// Checks that there is a pixel, and one for each place.
+    fn check_pixels(&self) -> Result<(), String> {
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels > 0 && self.pixels.len() as u64 == pixels {
             return Ok(());
         }
-        let cause = format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height);
-        Err(FilmError::Write { path: path.to_owned(), cause })
+        Err(format!("{} pixels are not {} x {}", self.pixels.len(), self.width, self.height))
     }
 
-    fn write_png(&self, path: &Path, encoded: Vec<u8>) -> Result<(), String> {
-        image::RgbImage::from_raw(self.width, self.height, encoded)
-            .ok_or("too large")?
-            .save_with_format(path, image::ImageFormat::Png)
-            .map_err(|e| e.to_string())
+    fn encode_png(&self, encoded: Vec<u8>) -> Result<Vec<u8>, String> {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let image = image::RgbImage::from_raw(self.width, self.height, encoded).ok_or("too large")?;
+        image.write_to(&mut bytes, image::ImageFormat::Png).map_err(|e| e.to_string())?;
+        Ok(bytes.into_inner())
     }
 }
 

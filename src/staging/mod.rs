@@ -1,4 +1,4 @@
-//! Completes a scene with a camera and light if its file has none.
+//! Completes a scene with a camera and light if its file has none, and moves a camera around it.
 //!
 //! [`load`] reads a file ([`crate::scene::load_with`]) and completes it. [`camera`] chooses the camera;
 //! [`light`] chooses light for scenes without any, or without any that illuminates the camera's view. Both
@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod light;
+mod orbit_camera;
 
 use glam::Vec3;
 
@@ -14,6 +15,8 @@ use crate::scene::{self, Camera, EnvironmentChange, Geometry, LoadError, Scene};
 
 use self::camera::Subject;
 use self::light::Added;
+
+pub use orbit_camera::OrbitCamera;
 
 /// Options for completing a scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,13 +6,12 @@
 //! newest request. Input is therefore handled within a frame of the interface, however long the picture
 //! takes, and either device may be lost without the other.
 //!
-//! All modules but [`window`] and [`screen`] work without a window: [`orbit_camera`] moves the camera,
+//! All modules but [`window`] and [`screen`] work without a window: [`OrbitCamera`](crate::staging::OrbitCamera) moves the camera,
 //! [`setting_controls`] lists every setting with its help, [`crate::tonemap`] maps radiance to the display,
 //! [`pace`] chooses the resolution of a moving picture, [`state`] holds the user's choices and writes the
 //! command line that renders the same picture, and [`ui`] lays out the interface in egui.
 
 pub mod engine;
-pub mod orbit_camera;
 pub mod pace;
 pub mod render_thread;
 pub mod request;

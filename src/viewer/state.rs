@@ -4,14 +4,13 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::orbit_camera::OrbitCamera;
 use super::render_thread::{Note, Outbox, PANES};
 use super::request::{Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};
 use super::setting_controls::Chosen;
 use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
 use crate::settings::{Method, SIDES, Settings, Technique};
-use crate::staging::Staging;
 use crate::staging::camera::AUTO;
+use crate::staging::{OrbitCamera, Staging};
 use crate::tonemap::{Exposure, Grade, Tonemap};
 
 /// Time after the last change for which the picture counts as moving.
@@ -220,12 +219,7 @@ impl State {
     #[must_use]
     pub fn current_orbit_camera(&self) -> Option<OrbitCamera> {
         let (scene_info, base) = (self.scene_info.as_ref()?, self.base()?);
-        let (middle, radius) = scene_info.sphere;
-        let eye = glam::Vec3::from(base.world_from_camera.translation);
-        // The target is as far away as the centre of the scene; if the camera is near the centre, half the
-        // scene's radius away.
-        let distance = if eye.distance(middle) > 0.5 * radius { eye.distance(middle) } else { 0.5 * radius };
-        Some(self.orbit_camera.unwrap_or_else(|| OrbitCamera::of(base, distance.max(1e-3))))
+        Some(self.orbit_camera.unwrap_or_else(|| OrbitCamera::around(base, scene_info.sphere)))
     }
 
     /// Changes the camera's position and target.

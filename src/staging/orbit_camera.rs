@@ -27,6 +27,14 @@ impl OrbitCamera {
         Self { eye, target: eye + ahead * distance.clamp(*REACH.start(), *REACH.end()) }
     }
 
+    /// Returns a camera's position, and a target straight ahead of it as far away as the centre of the scene
+    /// with this bounding sphere; if the camera is near the centre, half the scene's radius away.
+    #[must_use]
+    pub fn around(camera: &Camera, (centre, radius): (Vec3, f32)) -> Self {
+        let distance = Vec3::from(camera.world_from_camera.translation).distance(centre);
+        Self::of(camera, distance.max(0.5 * radius).max(1e-3))
+    }
+
     /// Returns a camera with the projection of another one, at this position and with this target.
     #[must_use]
     pub fn camera(&self, like: &Camera) -> Camera {
