@@ -25,7 +25,7 @@ impl Deform {
     pub fn new(gpu: &Gpu, gpu_scene: &GpuScene, rest: &RestMesh, origins: &[geometry::Origin]) -> Self {
         Self {
             pipeline: Compute::new(gpu, "upload/deform", &[rest.flags().as_slice(), gpu_scene.vertex_flags()].concat()),
-            origins: gpu.storage("origins", size_of_val(origins) as u64),
+            origins: gpu.storage("origins", (origins.len() * size_of::<Origin>()) as u64),
         }
     }
 
