@@ -21,6 +21,16 @@
 //! # }
 //! ```
 //!
+//! # In a browser
+//!
+//! The library compiles for `wasm32-unknown-unknown`, without default features, and renders by WebGPU. A page must not
+//! wait, so that all that reads from the device is asynchronous: [`gpu::Gpu::new_async`], [`render::open_async`] and
+//! the methods of [`render::Renderer`] whose names end in `_async`. The functions of the same names without this ending
+//! wait for them, and exist everywhere else; a render reads nothing in any other way. A page has no files either:
+//! [`scene::load_bytes`] takes a scene's bytes and a function that returns those of the files that it refers to, and
+//! [`film::exr::Picture::encode`] returns those of a picture. There are no threads, so that rayon runs on one. What
+//! needs files, processes or libraries is left out: [`mod@bench`], [`stress`] and [`film::oidn`].
+//!
 //! # Layers
 //!
 //! Imports go down this list only, and no circle joins files of different folders (`tests/imports.rs`):
@@ -95,6 +105,7 @@
 //! name. Structs and constants that both sides read are in [`render::layouts`], and a test compares them with
 //! the shaders. Debug builds read shaders from the source tree.
 
+#[cfg(not(target_family = "wasm"))]
 pub mod bench;
 pub mod crop;
 pub mod film;
@@ -105,6 +116,7 @@ pub mod render;
 pub mod scene;
 pub mod settings;
 pub mod staging;
+#[cfg(not(target_family = "wasm"))]
 pub mod stress;
 pub mod tonemap;
 #[cfg(feature = "viewer")]

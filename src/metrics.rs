@@ -37,7 +37,7 @@ pub struct Comparison {
     /// 99.9th percentile of the relative error.
     #[serde(deserialize_with = "nan_from_null")]
     pub p999: f64,
-    /// Mean FLIP error, 0 to 1.
+    /// Mean FLIP error, 0 to 1; NaN without the feature `flip`.
     #[serde(deserialize_with = "nan_from_null")]
     pub flip: f64,
     /// Number of NaN and infinite values in the image.
@@ -188,10 +188,16 @@ fn percentile(values: &mut [f64], fraction: f64) -> f64 {
     low + (high - low) * rank.fract()
 }
 
+#[cfg(feature = "flip")]
 fn flip(image: &Film, reference: &Film) -> f64 {
     let exposure = flip_exposure(reference) as f32;
     let [x, r] =
         [image, reference].map(|f| nv_flip::FlipImageRgb8::with_data(f.width, f.height, &f.to_srgb8(exposure)));
     let errors = nv_flip::flip(r, x, nv_flip::DEFAULT_PIXELS_PER_DEGREE).to_vec();
     errors.iter().map(|&e| f64::from(e)).sum::<f64>() / errors.len() as f64
+}
+
+#[cfg(not(feature = "flip"))]
+fn flip(_: &Film, _: &Film) -> f64 {
+    f64::NAN
 }

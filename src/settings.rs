@@ -96,7 +96,7 @@ pub const DEFAULT_TARGET_ERROR: f64 = 0.003;
 pub const DEFAULT_BUDGET: f64 = 300.0;
 
 /// Estimator of a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -114,7 +114,7 @@ pub enum Method {
 }
 
 /// Algorithm that answers visibility between two points and finds the nearest hit along a direction.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Visibility {

@@ -8,7 +8,6 @@ use std::path::Path;
 use common::shaders::{self, Described};
 use lightsheaf::gpu::{Flag, Source, link_source};
 use lightsheaf::render::layouts;
-use wgpu::naga;
 
 /// Fields of which the host knows only place and size: name of the struct and of the field.
 const OPAQUE: &[(&str, &str)] = &[("LightVertex", "bsdf")];

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{Geometry, LoadError};
 
@@ -28,7 +29,7 @@ fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
     let path = folder.join("scene.xml");
     std::fs::write(&path, format!("<scene version=\"3.0.0\">\n{body}\n</scene>")).unwrap();
     let start = Instant::now();
-    let result = mitsuba::load(&path);
+    let result = mitsuba::load(&path, &Disk);
     assert!(start.elapsed() < TIME_LIMIT, "{body:.200} took {:?}", start.elapsed());
     match result {
         Ok(_) => panic!("no error: {body:.300}"),
@@ -168,8 +169,8 @@ fn wrong_xml_is_an_error_with_its_line() {
 #[test]
 fn a_missing_scene_or_one_that_is_no_scene_is_an_error() {
     let folder = folder();
-    check(&mitsuba::load(&folder.join("none.xml")).unwrap_err(), "none.xml", "", "cannot be read");
-    check(&mitsuba::load(&folder).unwrap_err(), folder.to_str().unwrap(), "", "cannot be read");
+    check(&mitsuba::load(&folder.join("none.xml"), &Disk).unwrap_err(), "none.xml", "", "cannot be read");
+    check(&mitsuba::load(&folder, &Disk).unwrap_err(), folder.to_str().unwrap(), "", "cannot be read");
     for (text, place, cause) in [
         (&b""[..], "line 1", "XML"),
         (b"hello", "line 1", "XML"),
@@ -178,7 +179,7 @@ fn a_missing_scene_or_one_that_is_no_scene_is_an_error() {
         (b"<svg/>", "line 1", "<svg>"),
     ] {
         std::fs::write(folder.join("a.xml"), text).unwrap();
-        check(&mitsuba::load(&folder.join("a.xml")).unwrap_err(), "a.xml", place, cause);
+        check(&mitsuba::load(&folder.join("a.xml"), &Disk).unwrap_err(), "a.xml", place, cause);
     }
 }
 
@@ -369,7 +370,7 @@ fn mutated_files_never_panic() {
     let write = |(name, bytes): &(&str, Vec<u8>)| std::fs::write(folder.join(name), bytes).unwrap();
     let load = || {
         let start = Instant::now();
-        let result = mitsuba::load(&folder.join("scene.xml")).map(|scene| Geometry::new(&scene).triangles.len());
+        let result = mitsuba::load(&folder.join("scene.xml"), &Disk).map(|scene| Geometry::new(&scene).triangles.len());
         assert!(start.elapsed() < TIME_LIMIT, "took {:?}", start.elapsed());
         result
     };

@@ -14,6 +14,7 @@ use common::references;
 use lightsheaf::film::Film;
 use lightsheaf::metrics::compare;
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
+use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{Bsdf, Light, Scene, builtin};
 
@@ -48,7 +49,7 @@ impl Case {
     }
 
     fn load(&self, folder: &Path) -> Scene {
-        mitsuba::load(&folder.join(self.scene).with_extension("xml")).expect("the file is supported")
+        mitsuba::load(&folder.join(self.scene).with_extension("xml"), &Disk).expect("the file is supported")
     }
 
     fn image(&self, folder: &Path) -> Film {

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use async_trait::async_trait;
 use lightsheaf::crop::Crop;
 use lightsheaf::film::Film;
 use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
@@ -38,8 +39,9 @@ impl<'s> ReferenceRenderer<'s> {
     }
 }
 
+#[async_trait(?Send)]
 impl Renderer for ReferenceRenderer<'_> {
-    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+    async fn render_async(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = self.next() + samples;
         while self.next() < end {
             let count = self.batch_size.next(end - self.next());
@@ -63,7 +65,7 @@ impl Renderer for ReferenceRenderer<'_> {
         Ok(())
     }
 
-    fn state(&self) -> Result<RenderState, RenderError> {
+    async fn state_async(&self) -> Result<RenderState, RenderError> {
         let range = self.rounds.range();
         let sums: Vec<u8> = self.rounds.sums().iter().flatten().flat_map(|sum| sum.to_le_bytes()).collect();
         Ok(RenderState {
@@ -95,7 +97,7 @@ impl Renderer for ReferenceRenderer<'_> {
         false
     }
 
-    fn film(&self) -> Result<Film, RenderError> {
+    async fn film_async(&self) -> Result<Film, RenderError> {
         Ok(self.rounds.film())
     }
 

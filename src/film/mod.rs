@@ -7,6 +7,7 @@
 
 pub mod cryptomatte;
 pub mod exr;
+#[cfg(not(target_family = "wasm"))]
 pub mod oidn;
 pub mod record;
 

@@ -8,10 +8,17 @@ use super::{Ledger, NonFinite, Timings};
 /// Errors of opening a device, and of the device itself.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum GpuError {
-    /// No adapter was found; the message names the driver to install.
-    #[error(
-        "no Vulkan, Metal or Direct3D 12 device was found: {0}; run scripts/setup.sh, which installs Mesa's software driver, \
-         or use --method reference"
+    /// No adapter was found; the message names the driver to install, or the browser to use.
+    #[cfg_attr(
+        not(target_family = "wasm"),
+        error(
+            "no Vulkan, Metal or Direct3D 12 device was found: {0}; run scripts/setup.sh, which installs Mesa's software \
+             driver, or use --method reference"
+        )
+    )]
+    #[cfg_attr(
+        target_family = "wasm",
+        error("the browser offers no WebGPU device: {0}; use one that has WebGPU, and let it use the graphics device")
     )]
     NoAdapter(String),
     /// The adapter refused a device.
@@ -39,6 +46,12 @@ pub enum GpuError {
     #[error("the graphics device was lost: {0}; restart the render, with --checkpoint and --resume nothing is lost")]
     Lost(String),
 }
+
+/// The interfaces through which devices are looked for.
+#[cfg(not(target_family = "wasm"))]
+const BACKENDS: wgpu::Backends = wgpu::Backends::VULKAN.union(wgpu::Backends::METAL).union(wgpu::Backends::DX12);
+#[cfg(target_family = "wasm")]
+const BACKENDS: wgpu::Backends = wgpu::Backends::BROWSER_WEBGPU;
 
 /// The adapter features that ray-query methods need.
 const RAY_QUERIES: wgpu::Features = wgpu::Features::EXPERIMENTAL_RAY_QUERY;
@@ -107,42 +120,52 @@ impl Gpu {
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] if there is no adapter, [`GpuError::NoDevice`] if it refuses a device.
+    pub async fn new_async() -> Result<Self, GpuError> {
+        Self::open(&Opening::default()).await
+    }
+
+    /// Waits for [`Self::new_async`].
+    ///
+    /// # Errors
+    /// As [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
     pub fn new() -> Result<Self, GpuError> {
-        Self::open(&Opening::default())
+        pollster::block_on(Self::new_async())
     }
 
     /// Opens the best adapter with the limits that WebGPU guarantees and without optional features, as a browser
     /// may have it.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// As [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
     pub fn with_webgpu_limits() -> Result<Self, GpuError> {
-        Self::open(&Opening { webgpu_limits: true, ..Opening::default() })
+        pollster::block_on(Self::open(&Opening { webgpu_limits: true, ..Opening::default() }))
     }
 
     /// Opens the best adapter with ray queries.
     ///
     /// # Errors
-    /// [`GpuError::NoRayQueries`] if the adapter has none; otherwise as [`Self::new`].
+    /// [`GpuError::NoRayQueries`] if the adapter has none; otherwise as [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
     pub fn with_ray_queries() -> Result<Self, GpuError> {
-        Self::open(&Opening { ray_queries: true, ..Opening::default() })
+        pollster::block_on(Self::open(&Opening { ray_queries: true, ..Opening::default() }))
     }
 
     /// Opens the best adapter with the driver's validation layers, if these are installed. `wgpu_hal` logs
     /// their messages.
     ///
     /// # Errors
-    /// As [`Self::new`] or [`Self::with_ray_queries`].
+    /// As [`Self::new_async`] or [`Self::with_ray_queries`].
+    #[cfg(not(target_family = "wasm"))]
     pub fn validated(ray_queries: bool) -> Result<Self, GpuError> {
-        Self::open(&Opening { ray_queries, validated: true, ..Opening::default() })
+        pollster::block_on(Self::open(&Opening { ray_queries, validated: true, ..Opening::default() }))
     }
 
-    fn open(opening: &Opening) -> Result<Self, GpuError> {
+    async fn open(opening: &Opening) -> Result<Self, GpuError> {
         let &Opening { ray_queries, validated, webgpu_limits } = opening;
-        let descriptor = wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
-            ..wgpu::InstanceDescriptor::new_without_display_handle()
-        };
+        let descriptor =
+            wgpu::InstanceDescriptor { backends: BACKENDS, ..wgpu::InstanceDescriptor::new_without_display_handle() };
         let mut descriptor = descriptor.with_env();
         if validated {
             descriptor.flags |= wgpu::InstanceFlags::VALIDATION;
@@ -152,10 +175,13 @@ impl Gpu {
             power_preference: wgpu::PowerPreference::HighPerformance,
             ..Default::default()
         };
-        let adapter =
-            pollster::block_on(instance.request_adapter(&options)).map_err(|e| GpuError::NoAdapter(e.to_string()))?;
+        let adapter = instance.request_adapter(&options).await.map_err(|e| GpuError::NoAdapter(e.to_string()))?;
         let info = adapter.get_info();
-        let name = format!("{} ({})", info.name, info.driver_info);
+        // Browsers may keep the name to themselves.
+        let name = match info.name.as_str() {
+            "" => "WebGPU".to_owned(),
+            name => format!("{name} ({})", info.driver_info),
+        };
         let limits = if webgpu_limits { wgpu::Limits::default() } else { adapter.limits() };
         let optional = if webgpu_limits { wgpu::Features::empty() } else { wgpu::Features::TIMESTAMP_QUERY };
         let mut features = adapter.features() & optional;
@@ -167,14 +193,19 @@ impl Gpu {
             }
             features |= RAY_QUERIES;
         }
-        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+        let experimental_features =
+            if ray_queries { ray_query_token() } else { wgpu::ExperimentalFeatures::disabled() };
+        let descriptor = wgpu::DeviceDescriptor {
             label: Some("lightsheaf"),
             required_features: features,
             required_limits: limits.clone(),
-            experimental_features: if ray_queries { ray_query_token() } else { wgpu::ExperimentalFeatures::disabled() },
+            experimental_features,
             ..Default::default()
-        }))
-        .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), cause: e.to_string() })?;
+        };
+        let (device, queue) = adapter
+            .request_device(&descriptor)
+            .await
+            .map_err(|e| GpuError::NoDevice { adapter: info.name.clone(), cause: e.to_string() })?;
         let first_error = Arc::new(Mutex::new(None));
         let sink = Arc::clone(&first_error);
         device.set_device_lost_callback(move |reason, message| {

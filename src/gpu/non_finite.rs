@@ -7,9 +7,7 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use wgpu::naga;
-
-use super::{Compute, Gpu, GpuError, read_back};
+use super::{Compute, Gpu, GpuError, read_back_async};
 
 /// Number of passes with a count of their own; further passes share the last one.
 const SLOTS: usize = 64;
@@ -105,12 +103,21 @@ impl NonFinite {
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails.
-    pub fn counts(&self, gpu: &Gpu) -> Result<Vec<(&'static str, u64)>, GpuError> {
+    pub async fn counts_async(&self, gpu: &Gpu) -> Result<Vec<(&'static str, u64)>, GpuError> {
         let watched =
             self.0.lock().ok().and_then(|state| Some((state.as_ref()?.counts.clone(), state.as_ref()?.labels.clone())));
         let Some((counts, labels)) = watched else { return Ok(Vec::new()) };
-        let counts: Vec<u32> = read_back(gpu, &counts, SLOTS)?;
+        let counts: Vec<u32> = read_back_async(gpu, &counts, SLOTS).await?;
         Ok(labels.into_iter().zip(counts.into_iter().map(u64::from)).collect())
+    }
+
+    /// Waits for [`Self::counts_async`].
+    ///
+    /// # Errors
+    /// As [`Self::counts_async`].
+    #[cfg(not(target_family = "wasm"))]
+    pub fn counts(&self, gpu: &Gpu) -> Result<Vec<(&'static str, u64)>, GpuError> {
+        pollster::block_on(self.counts_async(gpu))
     }
 
     /// Records the check of all buffers that a pass wrote.

@@ -4,8 +4,6 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use wgpu::naga;
-
 use super::non_finite::Floats;
 use super::shaders::{self, Source};
 use super::{Flag, Gpu, flag_names};

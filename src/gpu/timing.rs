@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use super::{Gpu, GpuError, Ledger, read_back};
+use super::{Gpu, GpuError, Ledger, read_back_async};
 
 /// Most runs of passes that can be timed between two collections.
 const CAPACITY: u32 = 2048;
@@ -81,7 +81,7 @@ impl Timings {
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails.
-    pub fn collect(&self, gpu: &Gpu) -> Result<(), GpuError> {
+    pub async fn collect(&self, gpu: &Gpu) -> Result<(), GpuError> {
         let Some(queries) = &self.queries else { return Ok(()) };
         let pending = self.state.lock().map(|mut s| std::mem::take(&mut s.pending)).unwrap_or_default();
         if pending.is_empty() {
@@ -91,7 +91,7 @@ impl Timings {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         encoder.resolve_query_set(&queries.set, 0..count as u32, &queries.resolved, 0);
         gpu.queue.submit([encoder.finish()]);
-        let ticks: Vec<u64> = read_back(gpu, &queries.resolved, count)?;
+        let ticks: Vec<u64> = read_back_async(gpu, &queries.resolved, count).await?;
         if let Ok(mut state) = self.state.lock() {
             for (label, pair) in pending.iter().zip(ticks.chunks_exact(2)) {
                 state.totals.entry(label).or_default().gpu_millis +=

@@ -7,8 +7,12 @@
 //! missed that contains a hit.
 
 use glam::{BVec4A, Vec3, Vec3A, Vec4};
+use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
-use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, triangle::Triangle};
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::PlocBuilder;
+use obvhs::triangle::Triangle;
 
 use crate::scene::Geometry;
 
@@ -144,6 +148,36 @@ impl Ray {
     }
 }
 
+/// Most triangles of a leaf.
+const LEAF_TRIANGLES: u32 = 4;
+
+/// Builds the binary tree, as `build_bvh2_from_tris` of obvhs does; that one reads a clock, which browsers lack.
+fn binary(triangles: &[Triangle]) -> Bvh2 {
+    let BvhBuildParams {
+        ploc_search_distance,
+        search_depth_threshold,
+        reinsertion_batch_ratio,
+        post_collapse_reinsertion_batch_ratio_multiplier,
+        sort_precision,
+        collapse_traversal_cost,
+        ..
+    } = BvhBuildParams::medium_build();
+    let indices = (0..triangles.len() as u32).collect();
+    let mut binary = PlocBuilder::with_capacity(triangles.len()).build(
+        ploc_search_distance,
+        triangles,
+        indices,
+        sort_precision,
+        search_depth_threshold,
+    );
+    let mut optimizer = ReinsertionOptimizer::default();
+    optimizer.run(&mut binary, reinsertion_batch_ratio, None);
+    collapse(&mut binary, LEAF_TRIANGLES, collapse_traversal_cost);
+    let again = reinsertion_batch_ratio * post_collapse_reinsertion_batch_ratio_multiplier;
+    optimizer.run(&mut binary, again, None);
+    binary
+}
+
 impl Bvh {
     /// Builds the hierarchy. Hits of triangles for which `filtered` returns true are passed to the filter of
     /// each query.
@@ -159,8 +193,7 @@ impl Bvh {
         if triangles.is_empty() {
             return bvh;
         }
-        let parameters = BvhBuildParams { max_prims_per_leaf: 4, ..BvhBuildParams::medium_build() };
-        let binary = build_bvh2_from_tris(&triangles, parameters, &mut std::time::Duration::default());
+        let binary = binary(&triangles);
         let size = geometry.bounds.iter().fold(0.0_f32, |size, p| size.max(p.abs().max_element()));
         let mut folder = Folder {
             counts: vec![0; binary.nodes.len()],

@@ -1,4 +1,4 @@
-//! Renderers on the GPU, which [`open`] creates.
+//! Renderers on the GPU, which [`open_async`] creates.
 //!
 //! Layers, from the bottom: [`layouts`], [`sampler`], [`interleave`] and [`frame_uniform`] are values.
 //! [`upload`], [`lights`], [`visibility`] and [`denoise`] hold the scene, the sampling of lights, the data
@@ -40,26 +40,39 @@ pub use renderer::{RenderError, RenderStats, Renderer};
 /// Opens a renderer of a scene on a device.
 ///
 /// The scene is adapted to the settings first ([`adapt`]): the lens is applied, and glass is removed for
-/// methods without transmission, which [`Renderer::warnings`] reports. [`Renderer::render`] then adds
-/// samples, and [`Renderer::film`] reads the picture.
+/// methods without transmission, which [`Renderer::warnings`] reports. [`Renderer::render_async`] then adds
+/// samples, and [`Renderer::film_async`] reads the picture.
 ///
 /// # Errors
 /// [`RenderError::Setting`] for settings out of range, for a combination of method and visibility that does
 /// not exist, for a scene without the camera, for an image that the device cannot hold, and for
 /// [`Method::Reference`], which renders on the CPU ([`crate::reference::Reference`]); [`RenderError::Gpu`] if
 /// the device fails or lacks ray queries.
-pub fn open<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Box<dyn Renderer + 'gpu>, RenderError> {
+pub async fn open_async<'gpu>(
+    gpu: &'gpu Gpu,
+    scene: &Scene,
+    settings: &Settings,
+) -> Result<Box<dyn Renderer + 'gpu>, RenderError> {
     Ok(match settings.method() {
-        Method::Shared => Box::new(SharedRenderer::new(gpu, scene, settings)?),
-        Method::Bdpt | Method::Path => Box::new(PathRenderer::new(gpu, scene, settings)?),
+        Method::Shared => Box::new(SharedRenderer::new_async(gpu, scene, settings).await?),
+        Method::Bdpt | Method::Path => Box::new(PathRenderer::new_async(gpu, scene, settings).await?),
         Method::Reference => return Err(RenderError::on_cpu()),
     })
+}
+
+/// Waits for [`open_async`].
+///
+/// # Errors
+/// As [`open_async`].
+#[cfg(not(target_family = "wasm"))]
+pub fn open<'gpu>(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Box<dyn Renderer + 'gpu>, RenderError> {
+    pollster::block_on(open_async(gpu, scene, settings))
 }
 
 /// Returns the plan of a renderer as text and as JSON, without opening the renderer.
 ///
 /// # Errors
-/// [`RenderError::Setting`] as [`open`].
+/// [`RenderError::Setting`] as [`open_async`].
 pub fn plan(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Result<(String, serde_json::Value), RenderError> {
     settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
     let scene = adapted(scene, settings)?;

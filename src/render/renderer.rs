@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use async_trait::async_trait;
 use glam::Vec3;
 
 use crate::film::{self, Film};
-use crate::gpu::{Gpu, GpuError, PassTime, read_back};
+use crate::gpu::{Gpu, GpuError, PassTime, read_back_async};
 use crate::render::adaptive_sampling::ConvergedTiles;
 use crate::render::convergence::BiasFilms;
 use crate::render::state::RenderState;
@@ -102,16 +103,26 @@ pub struct RenderStats {
     pub passes: BTreeMap<&'static str, PassTime>,
 }
 
-/// Renders a picture progressively. Renderers of [`super::open`] have every method; one that is made for a
+/// Renders a picture progressively. Renderers of [`super::open_async`] have every method; one that is made for a
 /// single picture, such as the command line's of the CPU reference, may leave out those that begin another
-/// one.
+/// one. Methods with `_async` are those that read from the device ([`crate::gpu`]).
+#[async_trait(?Send)]
 pub trait Renderer {
     /// Adds samples to the picture, in batches. `progress` is called with the number of samples so far after
     /// each batch, and stops the render by returning false.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device reports an error or cannot hold the lists that the scene needs.
-    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
+    async fn render_async(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError>;
+
+    /// Waits for [`Self::render_async`].
+    ///
+    /// # Errors
+    /// As [`Self::render_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+        pollster::block_on(self.render_async(samples, progress))
+    }
 
     /// Begins a new picture with another seed; no tile of it has converged.
     fn restart(&mut self, seed: u32);
@@ -127,7 +138,16 @@ pub trait Renderer {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    fn state(&self) -> Result<RenderState, RenderError>;
+    async fn state_async(&self) -> Result<RenderState, RenderError>;
+
+    /// Waits for [`Self::state_async`].
+    ///
+    /// # Errors
+    /// As [`Self::state_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn state(&self) -> Result<RenderState, RenderError> {
+        pollster::block_on(self.state_async())
+    }
 
     /// Goes on with a picture of the same scene and settings.
     ///
@@ -141,9 +161,18 @@ pub trait Renderer {
     /// and lights are the same.
     ///
     /// # Errors
-    /// As [`super::open`].
-    fn pose(&mut self, _scene: &Scene) -> Result<(), RenderError> {
+    /// As [`super::open_async`].
+    async fn pose_async(&mut self, _scene: &Scene) -> Result<(), RenderError> {
         Err(RenderError::one_picture())
+    }
+
+    /// Waits for [`Self::pose_async`].
+    ///
+    /// # Errors
+    /// As [`Self::pose_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+        pollster::block_on(self.pose_async(scene))
     }
 
     /// Begins a picture of the same scene with another camera: the one that a new renderer would make.
@@ -151,16 +180,34 @@ pub trait Renderer {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    fn set_camera(&mut self, _camera: &Camera) -> Result<(), RenderError> {
+    async fn set_camera_async(&mut self, _camera: &Camera) -> Result<(), RenderError> {
         Err(RenderError::one_picture())
+    }
+
+    /// Waits for [`Self::set_camera_async`].
+    ///
+    /// # Errors
+    /// As [`Self::set_camera_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
+        pollster::block_on(self.set_camera_async(camera))
     }
 
     /// Begins a picture in which one strategy counts, or all.
     ///
     /// # Errors
-    /// As [`super::open`].
-    fn set_only(&mut self, _only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+    /// As [`super::open_async`].
+    async fn set_only_async(&mut self, _only: Option<OnlyStrategy>) -> Result<(), RenderError> {
         Err(RenderError::one_picture())
+    }
+
+    /// Waits for [`Self::set_only_async`].
+    ///
+    /// # Errors
+    /// As [`Self::set_only_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+        pollster::block_on(self.set_only_async(only))
     }
 
     /// Sets the tiles that take no more samples, row by row: one for each square of
@@ -179,23 +226,50 @@ pub trait Renderer {
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    fn film(&self) -> Result<Film, RenderError>;
+    async fn film_async(&self) -> Result<Film, RenderError>;
+
+    /// Waits for [`Self::film_async`].
+    ///
+    /// # Errors
+    /// As [`Self::film_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn film(&self) -> Result<Film, RenderError> {
+        pollster::block_on(self.film_async())
+    }
 
     /// Reads the picture unfiltered, and filtered twice, if frames are filtered and the settings have a
     /// target error.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+    async fn bias_films_async(&self) -> Result<Option<BiasFilms>, RenderError> {
         Ok(None)
+    }
+
+    /// Waits for [`Self::bias_films_async`].
+    ///
+    /// # Errors
+    /// As [`Self::bias_films_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
+        pollster::block_on(self.bias_films_async())
     }
 
     /// Reads the positions of the last iteration's VPLs, world space; none if pixels do not share any.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+    async fn vpls_async(&self) -> Result<Vec<Vec3>, RenderError> {
         Ok(Vec::new())
+    }
+
+    /// Waits for [`Self::vpls_async`].
+    ///
+    /// # Errors
+    /// As [`Self::vpls_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+        pollster::block_on(self.vpls_async())
     }
 
     /// Returns the number of the next sample: that of the samples in the picture, after those before its first.
@@ -249,11 +323,15 @@ pub(crate) fn check_size(gpu: &Gpu, settings: &Settings, most: u64) -> Result<()
 }
 
 /// Reads whole buffers.
-pub(crate) fn read_buffers<'a>(
+pub(crate) async fn read_buffers<'a>(
     gpu: &Gpu,
     buffers: impl Iterator<Item = &'a wgpu::Buffer>,
 ) -> Result<Vec<Vec<u8>>, RenderError> {
-    buffers.map(|buffer| Ok(read_back(gpu, buffer, buffer.size() as usize)?)).collect()
+    let mut contents = Vec::new();
+    for buffer in buffers {
+        contents.push(read_back_async(gpu, buffer, buffer.size() as usize).await?);
+    }
+    Ok(contents)
 }
 
 /// Writes whole buffers, the contents of which [`read_buffers`] returned.
@@ -282,7 +360,7 @@ pub(crate) fn clear(gpu: &Gpu, film: &wgpu::Buffer) {
 
 /// Reads a film and divides its compensated sums by `samples`, or by the samples of the pixel's tile. The
 /// film may consist of several buffers, one after the other.
-pub(crate) fn read_film<'a>(
+pub(crate) async fn read_film<'a>(
     gpu: &Gpu,
     films: impl Iterator<Item = &'a wgpu::Buffer>,
     settings: &Settings,
@@ -291,7 +369,8 @@ pub(crate) fn read_film<'a>(
 ) -> Result<Film, RenderError> {
     let mut sums: Vec<[[f32; 3]; 2]> = Vec::new();
     for film in films {
-        sums.extend(read_back::<[[f32; 3]; 2]>(gpu, film, (film.size() / film::DEVICE_BYTES) as usize)?);
+        let pixels = (film.size() / film::DEVICE_BYTES) as usize;
+        sums.extend(read_back_async::<[[f32; 3]; 2]>(gpu, film, pixels).await?);
     }
     let pixel = |(pixel, [sum, lost]): (usize, &[[f32; 3]; 2])| {
         let count = converged.map_or(samples, |converged| converged.taken(pixel, settings.width, samples)).max(1);

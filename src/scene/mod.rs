@@ -14,7 +14,7 @@ pub mod tessellation;
 
 pub use animation::{Pose, Rig};
 pub use load::environment::EnvironmentChange;
-pub use load::{load, load_with};
+pub use load::{load, load_bytes, load_with};
 pub use model::camera::{Camera, FovAxis, Lens, Projection};
 pub use model::emitter::Emitter;
 pub use model::environment::{Environment, EnvironmentMap, Rows};

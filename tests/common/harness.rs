@@ -217,7 +217,15 @@ impl<'a> VisibilityHarness<'a> {
 
     /// Builds the data structure of rays anew and waits for the device.
     pub fn tracer(&self, tracing: Tracing) -> Tracer {
-        let tracer = Tracer::new(self.gpu, tracing, None, &self.scene.traced(), self.source, self.geometry()).unwrap();
+        let tracer = pollster::block_on(Tracer::new(
+            self.gpu,
+            tracing,
+            None,
+            &self.scene.traced(),
+            self.source,
+            self.geometry(),
+        ))
+        .unwrap();
         self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
         tracer
     }

@@ -1,6 +1,7 @@
 //! Helpers that several tests share: the device, files, skipping, and pictures by any method.
 #![allow(dead_code, reason = "each test uses its share")]
 
+pub mod browser;
 pub mod folder;
 pub mod harness;
 pub mod random;

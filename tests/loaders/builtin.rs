@@ -5,6 +5,7 @@ use crate::common;
 use common::references;
 use glam::{Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{Boundary, Bsdf, Geometry, LoadError, Scene, builtin};
 
@@ -62,7 +63,7 @@ fn reference_scenes_equal_their_files() {
     let mut compared = 0;
     for name in ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"] {
         let ours = builtin::load(name).expect("a built-in scene");
-        let theirs = mitsuba::load(&folder.join(format!("{name}.xml"))).expect("a reference scene");
+        let theirs = mitsuba::load(&folder.join(format!("{name}.xml")), &Disk).expect("a reference scene");
         // The files have nine digits, and the sphere's corners were rounded once more.
         let apart = distance(&ours, &theirs);
         assert!(apart < 1e-6, "{name}: corners or normals are {apart} apart");

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use base64::Engine as _;
 use common::shared;
 use glam::{Vec2, Vec3, Vec4};
+use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::{self, Boundary, Bsdf, Geometry, Light, Opacity, Projection, Scalar, Scene, Sides};
 use serde_json::{Value, json};
 
@@ -617,7 +618,7 @@ fn variants_pick_materials_by_name() {
     draft.primitive()["extensions"] = json!({ "KHR_materials_variants": { "mappings": mappings } });
     let path = draft.write("variants.gltf");
     let material = |name: Option<&str>| {
-        let scene = scene::load::gltf::load(&path, name).unwrap();
+        let scene = scene::load::gltf::load(&path, name, &Disk).unwrap();
         assert_eq!(scene.notes.iter().any(|note| note.contains("`day`, `dusk`")), name.is_none(), "{:?}", scene.notes);
         scene.materials[scene.meshes[0].material].name.clone()
     };
@@ -630,7 +631,7 @@ fn variants_pick_materials_by_name() {
     assert!(box_error.to_string().contains("no variant `night`"), "{box_error}");
     draft.primitive()["extensions"]["KHR_materials_variants"]["mappings"][0]["material"] = json!(9);
     let path = draft.write("dangling_variant.gltf");
-    let dangling = scene::load::gltf::load(&path, Some("dusk")).unwrap_err();
+    let dangling = scene::load::gltf::load(&path, Some("dusk"), &Disk).unwrap_err();
     assert!(dangling.to_string().contains("materials[9]"), "{dangling}");
 }
 

@@ -4,6 +4,7 @@
 mod common;
 
 mod builtin;
+mod bytes;
 mod compression;
 mod gltf;
 mod metrics;

@@ -9,6 +9,7 @@ use common::shared;
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::reference::environment::Sky;
 use lightsheaf::reference::{Reference, ReferenceSettings};
+use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{
     self, Anisotropy, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Opacity,
@@ -33,7 +34,7 @@ fn scene(body: &str) -> Scene {
 fn scene_in(folder: &Path, version: &str, body: &str) -> Scene {
     let path = folder.join("scene.xml");
     std::fs::write(&path, format!("<scene version=\"{version}\">{body}</scene>")).unwrap();
-    mitsuba::load(&path).unwrap_or_else(|e| panic!("{e}"))
+    mitsuba::load(&path, &Disk).unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// Returns the material of a rectangle with this bsdf.
@@ -54,7 +55,7 @@ fn real_scenes_load_with_their_triangles() {
         if !row[0].starts_with("mitsuba/") {
             continue;
         }
-        let scene = mitsuba::load(&shared.join("scenes").join(row[0])).unwrap_or_else(|e| panic!("{e}"));
+        let scene = mitsuba::load(&shared.join("scenes").join(row[0]), &Disk).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(scene.cameras.len(), 1, "{}", row[0]);
         assert!(Geometry::new(&scene).vertices.iter().all(|v| v.position.is_finite()), "{}", row[0]);
         loaded += 1;
@@ -72,7 +73,7 @@ fn real_scenes_load_with_their_triangles() {
 fn real_glass_is_there_and_can_be_left_out() {
     let Some(shared) = shared() else { return };
     for (name, kinds) in [("cbox-spheres/scene.xml", 2), ("living-room/scene.xml", 1)] {
-        let scene = mitsuba::load(&shared.join("scenes/mitsuba").join(name)).unwrap_or_else(|e| panic!("{e}"));
+        let scene = mitsuba::load(&shared.join("scenes/mitsuba").join(name), &Disk).unwrap_or_else(|e| panic!("{e}"));
         let glass = |scene: &Scene| {
             let of = |i: &&lightsheaf::scene::Instance| {
                 matches!(scene.materials[scene.meshes[i.mesh].material].bsdf, Bsdf::Dielectric { .. })

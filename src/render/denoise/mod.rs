@@ -14,7 +14,7 @@ use std::array;
 use glam::{Mat4, Vec3};
 
 use crate::film::Film;
-use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back};
+use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back_async};
 use crate::render::convergence::BiasFilms;
 use crate::render::denoise::layers::Layers;
 use crate::render::denoise::plan::DenoisePlan;
@@ -347,23 +347,25 @@ impl Denoiser {
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
-        self.read(gpu, &self.pictures)
+    pub async fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
+        self.read(gpu, &self.pictures).await
     }
 
     /// Reads the same frames unfiltered, and filtered twice, if the plan measures the bias of the filter.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
+    pub async fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
         let Some(bias) = &self.bias else { return Ok(None) };
-        let [unfiltered, twice] = [&bias.unfiltered, &bias.twice].map(|pictures| self.read(gpu, pictures));
-        Ok(Some(BiasFilms { side: self.grid.side, unfiltered: unfiltered?, twice: twice? }))
+        let unfiltered = self.read(gpu, &bias.unfiltered).await?;
+        let twice = self.read(gpu, &bias.twice).await?;
+        Ok(Some(BiasFilms { side: self.grid.side, unfiltered, twice }))
     }
 
-    fn read(&self, gpu: &Gpu, pictures: &Pair) -> Result<Film, GpuError> {
+    async fn read(&self, gpu: &Gpu, pictures: &Pair) -> Result<Film, GpuError> {
         let [width, height] = self.grid.size;
-        let pixels: Vec<[f32; 4]> = read_back(gpu, pictures.before(self.frame), (width * height) as usize)?;
+        let buffer = pictures.before(self.frame);
+        let pixels: Vec<[f32; 4]> = read_back_async(gpu, buffer, (width * height) as usize).await?;
         Ok(Film { width, height, pixels: pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect() })
     }
 }

@@ -107,7 +107,7 @@ impl Frame {
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn guide_sky(&mut self, iteration: &Iteration) -> Result<(), GpuError> {
+    pub async fn guide_sky(&mut self, iteration: &Iteration<'_>) -> Result<(), GpuError> {
         if !self.plan.guides_sky {
             return Ok(());
         }
@@ -125,14 +125,14 @@ impl Frame {
             guide.record(&mut recording, &band);
         }
         recording.submit();
-        guide.update(gpu)
+        guide.update(gpu).await
     }
 
     /// Measures the contribution of each light to the picture without occlusion, in any unit.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn light_importance(&mut self, iteration: &Iteration) -> Result<Vec<f32>, GpuError> {
+    pub async fn light_importance(&mut self, iteration: &Iteration<'_>) -> Result<Vec<f32>, GpuError> {
         let &Iteration { gpu, scene, camera, lights, settings, .. } = iteration;
         let flags = [self.plan.surface_flags.as_slice(), &self.plan.light_flags, self.plan.layer_flags()].concat();
         let pass = LightImportance::new(gpu, &flags, lights.count());
@@ -149,7 +149,7 @@ impl Frame {
             pass.record(&mut recording, &band, &strategy);
         }
         recording.submit();
-        pass.read(gpu)
+        pass.read(gpu).await
     }
 }
 

@@ -11,12 +11,12 @@ pub mod passes;
 pub mod plan;
 pub mod views;
 
-use std::time::Instant;
-
+use async_trait::async_trait;
 use glam::Vec3;
+use web_time::Instant;
 
 use crate::film::Film;
-use crate::gpu::{Gpu, read_back};
+use crate::gpu::{Gpu, read_back_async};
 use crate::render::adapt::{adapted, warnings};
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::convergence::BiasFilms;
@@ -109,21 +109,36 @@ impl<'gpu> SharedRenderer<'gpu> {
     /// # Errors
     /// [`RenderError::Setting`] if a value is out of range, the device cannot hold the image, or the camera
     /// does not exist; [`RenderError::Gpu`] if the device fails.
-    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
-        Self::of(gpu, scene, settings, None)
+    pub async fn new_async(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        Self::of(gpu, scene, settings, None).await
     }
 
-    /// As [`Self::new`] with other statistics than those of the scene: features that the statistics list have
+    /// Waits for [`Self::new_async`].
+    ///
+    /// # Errors
+    /// As [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        pollster::block_on(Self::new_async(gpu, scene, settings))
+    }
+
+    /// As [`Self::new_async`] with other statistics than those of the scene: features that the statistics list have
     /// their passes, code and buffers even if the scene lacks them. Tests measure the gain of skipping
     /// against such a renderer.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// As [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
     pub fn forced(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, facts: SceneStats) -> Result<Self, RenderError> {
-        Self::of(gpu, scene, settings, Some(facts))
+        pollster::block_on(Self::of(gpu, scene, settings, Some(facts)))
     }
 
-    fn of(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings, forced: Option<SceneStats>) -> Result<Self, RenderError> {
+    async fn of(
+        gpu: &'gpu Gpu,
+        scene: &Scene,
+        settings: &Settings,
+        forced: Option<SceneStats>,
+    ) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let scene = &*adapted(scene, settings)?;
         let (geometry, sources) = Geometry::with_sources(scene);
@@ -133,7 +148,7 @@ impl<'gpu> SharedRenderer<'gpu> {
         let mut deformer = Deformer::default();
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
         if let Some(tracing) = plan.tracing {
-            gpu_scene.trace_with(gpu, tracing, scene, &geometry)?;
+            gpu_scene.trace_with(gpu, tracing, scene, &geometry).await?;
         }
         deformer.keep(geometry, sources);
         let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
@@ -156,18 +171,18 @@ impl<'gpu> SharedRenderer<'gpu> {
             scene_stats: stats,
             warnings: warnings(scene, settings),
         };
-        this.learn_view()?;
+        this.learn_view().await?;
         gpu.check()?;
         Ok(this)
     }
 
     /// Begins a picture of a new pose or camera. A denoised picture keeps the history of the last one.
-    fn begin(&mut self) -> Result<(), RenderError> {
+    async fn begin(&mut self) -> Result<(), RenderError> {
         self.stats = RenderStats { scene_bytes: self.scene.bytes + self.deformer.bytes(), ..Default::default() };
         if self.frame.denoiser.is_none() {
             self.restart(self.settings.seed);
         }
-        self.learn_view()?;
+        self.learn_view().await?;
         Ok(self.gpu.check()?)
     }
 
@@ -180,24 +195,25 @@ impl<'gpu> SharedRenderer<'gpu> {
     }
 
     /// Learns where light comes from that the view shows, as planned.
-    fn learn_view(&mut self) -> Result<(), RenderError> {
+    async fn learn_view(&mut self) -> Result<(), RenderError> {
         // What is learned is that of the whole image, also if a crop is rendered.
         self.frame.pixels.converged.iter().for_each(|converged| converged.suspend(self.gpu));
-        self.choose_lights_for_view()?;
+        self.choose_lights_for_view().await?;
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
-        frame.guide_sky(&Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None })?;
+        let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
+        frame.guide_sky(&iteration).await?;
         frame.pixels.converged.iter().for_each(|converged| converged.upload(gpu));
         Ok(())
     }
 
     /// Sets the probabilities of lights by their unoccluded contribution to the view, if planned.
-    fn choose_lights_for_view(&mut self) -> Result<(), RenderError> {
+    async fn choose_lights_for_view(&mut self) -> Result<(), RenderError> {
         if self.by_power.is_none() {
             return Ok(());
         }
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
         let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
-        let importance = frame.light_importance(&iteration)?;
+        let importance = frame.light_importance(&iteration).await?;
         self.lights.mix_importance(&importance);
         self.scene.relight(self.gpu, &self.lights);
         // Cached light points hold the probabilities of the view before.
@@ -213,12 +229,12 @@ impl<'gpu> SharedRenderer<'gpu> {
 
     /// Runs iterations until all of them are in the film, in this order. After an overflow the later
     /// iterations are skipped and redone too, so that sums round alike for any size of batches.
-    fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
+    async fn batch(&mut self, mut iterations: Vec<u64>) -> Result<(), RenderError> {
         loop {
             for (index, &iteration) in iterations.iter().enumerate() {
                 self.iterate(iteration, Some(index as u32));
             }
-            let Some(Overflow { requests, skipped }) = self.read_log()? else { return Ok(()) };
+            let Some(Overflow { requests, skipped }) = self.read_log().await? else { return Ok(()) };
             self.stats.redone += u64::from(skipped.count_ones());
             log::info!("lists overflowed in {} iterations; redoing them with more capacity", skipped.count_ones());
             self.frame.grow(self.gpu, &self.scene, &requests)?;
@@ -233,9 +249,10 @@ impl<'gpu> SharedRenderer<'gpu> {
     }
 
     /// Reads the log of a batch. Returns the overflow if iterations were skipped.
-    fn read_log(&mut self) -> Result<Option<Overflow>, RenderError> {
-        self.gpu.timings.collect(self.gpu)?;
-        let log: Vec<u32> = read_back(self.gpu, &self.frame.log, 2 + 2 * self.frame.views.slots())?;
+    async fn read_log(&mut self) -> Result<Option<Overflow>, RenderError> {
+        self.gpu.timings.collect(self.gpu).await?;
+        let words = 2 + 2 * self.frame.views.slots();
+        let log: Vec<u32> = read_back_async(self.gpu, &self.frame.log, words).await?;
         self.gpu.queue.write_buffer(&self.frame.log, 0, &vec![0; log.len() * 4]);
         self.stats.non_finite += u64::from(log[0]);
         let slots: Vec<[u32; 2]> = log[2..].chunks_exact(2).map(|c| [c[0], c[1]]).collect();
@@ -268,8 +285,9 @@ impl<'gpu> SharedRenderer<'gpu> {
     }
 }
 
+#[async_trait(?Send)]
 impl Renderer for SharedRenderer<'_> {
-    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+    async fn render_async(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = self.samples + samples;
         while self.samples < end {
             // The first iteration is a batch of its own, so that little is redone if the initial capacity was
@@ -277,7 +295,7 @@ impl Renderer for SharedRenderer<'_> {
             let alone = self.samples == self.first || self.plan.is_layered();
             let count = self.batch_size.next(if alone { 1 } else { BATCH.min(end - self.samples) });
             let began = Instant::now();
-            self.batch((self.samples..self.samples + count).collect())?;
+            self.batch((self.samples..self.samples + count).collect()).await?;
             self.batch_size.record(count, began.elapsed());
             self.samples += count;
             self.frame.denoise(self.gpu, &self.scene);
@@ -285,11 +303,11 @@ impl Renderer for SharedRenderer<'_> {
                 break;
             }
         }
-        self.gpu.timings.collect(self.gpu)?;
+        self.gpu.timings.collect(self.gpu).await?;
         Ok(())
     }
 
-    fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+    async fn pose_async(&mut self, scene: &Scene) -> Result<(), RenderError> {
         let scene = &*adapted(scene, &self.settings)?;
         let (geometry, sources, same) = self.deformer.flatten(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings, None)?;
@@ -297,7 +315,7 @@ impl Renderer for SharedRenderer<'_> {
         // passes.
         let reusable = prepared.plan.same_pipelines(&self.plan) && self.settings.strategies != Strategies::Paper;
         if !reusable || !self.scene.fits(scene, &prepared.geometry, &prepared.lights) {
-            *self = Self::new(self.gpu, scene, &self.settings)?;
+            *self = Self::new_async(self.gpu, scene, &self.settings).await?;
             return Ok(());
         }
         let Prepared { geometry, camera, lights, stats, .. } = prepared;
@@ -308,38 +326,38 @@ impl Renderer for SharedRenderer<'_> {
         self.scene.pose(self.gpu, &geometry, !same, &lights);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
         if let Some(tracing) = self.plan.tracing {
-            self.scene.trace_with(self.gpu, tracing, scene, &geometry)?;
+            self.scene.trace_with(self.gpu, tracing, scene, &geometry).await?;
         }
         self.deformer.keep(geometry, sources);
         self.frame.invalidate_views();
         self.by_power = self.plan.lights_for_view.then(|| lights.clone());
         (self.camera, self.lights, self.scene_stats) = (camera, lights, stats);
         self.warnings = warnings(scene, &self.settings);
-        self.begin()
+        self.begin().await
     }
 
-    fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
+    async fn set_camera_async(&mut self, camera: &Camera) -> Result<(), RenderError> {
         self.camera = camera.clone();
         self.choose_lights_by_power();
         if let Some(denoiser) = &mut self.frame.denoiser {
             denoiser.camera_moved();
         }
-        self.begin()
+        self.begin().await
     }
 
-    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+    async fn set_only_async(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
         self.settings.only = only;
         self.plan = FramePlan::new(&self.scene_stats, &self.settings, &self.gpu.capabilities);
         let directions = self.frame.directions.take();
         self.frame = Frame::new(self.gpu, &self.scene, &self.plan, &self.settings, directions);
         self.choose_lights_by_power();
-        self.begin()
+        self.begin().await
     }
 
-    fn vpls(&self) -> Result<Vec<Vec3>, RenderError> {
+    async fn vpls_async(&self) -> Result<Vec<Vec3>, RenderError> {
         let count = self.plan.light_vertices.saturating_sub(1) as usize;
         let stride = LightVertex::bytes(&self.plan.surface_flags);
-        let bytes: Vec<u8> = read_back(self.gpu, &self.frame.light_vertices, count * stride)?;
+        let bytes: Vec<u8> = read_back_async(self.gpu, &self.frame.light_vertices, count * stride).await?;
         let vertex = |bytes: &[u8]| bytemuck::pod_read_unaligned::<LightVertex>(&bytes[..size_of::<LightVertex>()]);
         // Vertices of subpaths that ended earlier have zero throughput.
         let traced = bytes.chunks_exact(stride).map(vertex).filter(|v| v.throughput != [0.0; 3]);
@@ -388,7 +406,7 @@ impl Renderer for SharedRenderer<'_> {
         Ok(())
     }
 
-    fn state(&self) -> Result<RenderState, RenderError> {
+    async fn state_async(&self) -> Result<RenderState, RenderError> {
         let denoiser = self.frame.denoiser.as_ref();
         let histories = denoiser.into_iter().flat_map(Denoiser::state_buffers);
         Ok(RenderState {
@@ -397,7 +415,7 @@ impl Renderer for SharedRenderer<'_> {
             non_finite: self.stats.non_finite,
             tiles: self.frame.pixels.converged.as_ref().map(ConvergedTiles::state),
             frames: denoiser.map(Denoiser::state),
-            buffers: read_buffers(self.gpu, self.frame.pixels.films().chain(histories))?,
+            buffers: read_buffers(self.gpu, self.frame.pixels.films().chain(histories)).await?,
         })
     }
 
@@ -430,19 +448,20 @@ impl Renderer for SharedRenderer<'_> {
         self.plan.adaptive
     }
 
-    fn film(&self) -> Result<Film, RenderError> {
+    async fn film_async(&self) -> Result<Film, RenderError> {
         match &self.frame.denoiser {
-            Some(denoiser) => Ok(denoiser.film(self.gpu)?.cropped(self.settings.crop)),
+            Some(denoiser) => Ok(denoiser.film(self.gpu).await?.cropped(self.settings.crop)),
             None => {
                 let pixels = &self.frame.pixels;
                 let samples = self.samples - self.first;
-                read_film(self.gpu, pixels.films(), &self.settings, samples, pixels.converged.as_ref())
+                read_film(self.gpu, pixels.films(), &self.settings, samples, pixels.converged.as_ref()).await
             }
         }
     }
 
-    fn bias_films(&self) -> Result<Option<BiasFilms>, RenderError> {
-        let films = self.frame.denoiser.as_ref().map_or(Ok(None), |denoiser| denoiser.bias_films(self.gpu))?;
+    async fn bias_films_async(&self) -> Result<Option<BiasFilms>, RenderError> {
+        let Some(denoiser) = &self.frame.denoiser else { return Ok(None) };
+        let films = denoiser.bias_films(self.gpu).await?;
         Ok(films.map(|films| films.cropped(self.settings.crop)))
     }
 

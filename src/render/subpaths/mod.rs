@@ -10,10 +10,11 @@
 pub mod plan;
 pub mod reservoirs;
 
-use std::time::Instant;
+use async_trait::async_trait;
+use web_time::Instant;
 
 use crate::film::{self, Film};
-use crate::gpu::{Compute, Flag, Gpu, read_back};
+use crate::gpu::{Compute, Flag, Gpu, read_back_async};
 use crate::render::adapt::adapted;
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::frame_uniform::camera_uniform;
@@ -129,7 +130,7 @@ impl<'gpu> PathRenderer<'gpu> {
     /// # Errors
     /// [`RenderError::Setting`] if a value is out of range, the device cannot hold the image, or the camera
     /// does not exist; [`RenderError::Gpu`] if the device fails or was opened without ray queries.
-    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+    pub async fn new_async(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
         settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
         let scene = &*adapted(scene, settings)?;
         let (geometry, sources) = Geometry::with_sources(scene);
@@ -140,7 +141,7 @@ impl<'gpu> PathRenderer<'gpu> {
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table, &flags)?;
         let mut deformer = Deformer::default();
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
-        gpu_scene.trace_with(gpu, plan.tracing, scene, &geometry)?;
+        gpu_scene.trace_with(gpu, plan.tracing, scene, &geometry).await?;
         deformer.keep(geometry, sources);
         let frame = gpu.uniform::<FrameUniform>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&uniform));
@@ -178,6 +179,15 @@ impl<'gpu> PathRenderer<'gpu> {
         this.select_strategy(settings.only);
         gpu.check()?;
         Ok(this)
+    }
+
+    /// Waits for [`Self::new_async`].
+    ///
+    /// # Errors
+    /// As [`Self::new_async`].
+    #[cfg(not(target_family = "wasm"))]
+    pub fn new(gpu: &'gpu Gpu, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
+        pollster::block_on(Self::new_async(gpu, scene, settings))
     }
 
     /// Begins a picture in which one strategy counts, or all.
@@ -250,17 +260,18 @@ impl<'gpu> PathRenderer<'gpu> {
     }
 }
 
+#[async_trait(?Send)]
 impl Renderer for PathRenderer<'_> {
-    fn render(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
+    async fn render_async(&mut self, samples: u64, progress: &mut dyn FnMut(u64) -> bool) -> Result<(), RenderError> {
         let end = self.samples + samples;
         while self.samples < end {
             let count = self.batch_size.next(BATCH.min(end - self.samples));
             let (began, next) = (Instant::now(), self.samples + count);
             (self.samples..next).for_each(|number| self.sample(number));
-            let non_finite: Vec<u32> = read_back(self.gpu, &self.pixels.log, 1)?;
+            let non_finite: Vec<u32> = read_back_async(self.gpu, &self.pixels.log, 1).await?;
             self.stats.non_finite += u64::from(non_finite[0]);
             self.gpu.queue.write_buffer(&self.pixels.log, 0, &[0; 4]);
-            self.gpu.timings.collect(self.gpu)?;
+            self.gpu.timings.collect(self.gpu).await?;
             self.batch_size.record(count, began.elapsed());
             self.samples = next;
             if !progress(self.samples) {
@@ -270,18 +281,18 @@ impl Renderer for PathRenderer<'_> {
         Ok(())
     }
 
-    fn pose(&mut self, scene: &Scene) -> Result<(), RenderError> {
+    async fn pose_async(&mut self, scene: &Scene) -> Result<(), RenderError> {
         let scene = &*adapted(scene, &self.settings)?;
         let (geometry, sources, same) = self.deformer.flatten(scene);
         let prepared = Prepared::new(self.gpu, scene, geometry, &self.settings)?;
         if prepared.plan != self.plan || !self.scene.fits(scene, &prepared.geometry, &prepared.table) {
-            *self = Self::new(self.gpu, scene, &self.settings)?;
+            *self = Self::new_async(self.gpu, scene, &self.settings).await?;
             return Ok(());
         }
         let Prepared { geometry, table, constants, uniform, .. } = prepared;
         self.scene.pose(self.gpu, &geometry, !same, &table);
         self.deformer.run(self.gpu, &self.scene, scene, &geometry, &sources)?;
-        self.scene.trace_with(self.gpu, self.plan.tracing, scene, &geometry)?;
+        self.scene.trace_with(self.gpu, self.plan.tracing, scene, &geometry).await?;
         self.deformer.keep(geometry, sources);
         self.gpu.queue.write_buffer(&self.shared.frame, 0, bytemuck::bytes_of(&uniform));
         self.uniform = uniform;
@@ -291,7 +302,7 @@ impl Renderer for PathRenderer<'_> {
         Ok(self.gpu.check()?)
     }
 
-    fn set_camera(&mut self, camera: &Camera) -> Result<(), RenderError> {
+    async fn set_camera_async(&mut self, camera: &Camera) -> Result<(), RenderError> {
         let FrameUniform { bounces, splat_scale, .. } = self.uniform;
         self.uniform = FrameUniform { bounces, splat_scale, ..camera_uniform(camera, &self.settings) };
         let uniform = self.uniform;
@@ -302,7 +313,7 @@ impl Renderer for PathRenderer<'_> {
         Ok(())
     }
 
-    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+    async fn set_only_async(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
         self.settings.only = only;
         self.select_strategy(only);
         Ok(())
@@ -351,14 +362,14 @@ impl Renderer for PathRenderer<'_> {
         Ok(())
     }
 
-    fn state(&self) -> Result<RenderState, RenderError> {
+    async fn state_async(&self) -> Result<RenderState, RenderError> {
         Ok(RenderState {
             first: self.first,
             next: self.samples,
             non_finite: self.stats.non_finite,
             tiles: self.pixels.converged.as_ref().map(ConvergedTiles::state),
             frames: None,
-            buffers: read_buffers(self.gpu, self.state_buffers())?,
+            buffers: read_buffers(self.gpu, self.state_buffers()).await?,
         })
     }
 
@@ -384,9 +395,10 @@ impl Renderer for PathRenderer<'_> {
         self.settings.is_adaptive()
     }
 
-    fn film(&self) -> Result<Film, RenderError> {
+    async fn film_async(&self) -> Result<Film, RenderError> {
         let Pixels { film, converged, .. } = &self.pixels;
-        read_film(self.gpu, std::iter::once(film), &self.settings, self.samples - self.first, converged.as_ref())
+        let samples = self.samples - self.first;
+        read_film(self.gpu, std::iter::once(film), &self.settings, samples, converged.as_ref()).await
     }
 
     fn stats(&self) -> RenderStats {

@@ -210,7 +210,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails, lacks ray queries, or cannot bind the structure.
-    pub fn trace_with(
+    pub async fn trace_with(
         &mut self,
         gpu: &Gpu,
         tracing: Tracing,
@@ -218,7 +218,7 @@ impl GpuScene {
         geometry: &Geometry,
     ) -> Result<(), GpuError> {
         let previous = self.tracer.take();
-        self.tracer = Some(Tracer::new(gpu, tracing, previous, &self.traced(), scene, geometry)?);
+        self.tracer = Some(Tracer::new(gpu, tracing, previous, &self.traced(), scene, geometry).await?);
         Ok(())
     }
 

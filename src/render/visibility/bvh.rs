@@ -1,8 +1,6 @@
 //! A compressed wide bounding volume hierarchy (Ylitie, Karras and Laine, HPG 2017), built on the CPU by obvhs
 //! and traversed in compute (shaders/visibility/bvh.wesl).
 
-use std::time::Instant;
-
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -11,8 +9,9 @@ use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
 use obvhs::cwbvh::node::CwBvhNode;
 use obvhs::cwbvh::{BRANCHING, CwBvh};
 use obvhs::ploc::PlocBuilder;
+use web_time::Instant;
 
-use crate::gpu::{Binding, Gpu, GpuError, read_back};
+use crate::gpu::{Binding, Gpu, GpuError, read_back_async};
 use crate::render::visibility::tracer::TracedScene;
 use crate::scene::{Geometry, Scene, Sides};
 
@@ -33,9 +32,14 @@ impl Bvh {
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails or cannot bind the hierarchy, or if that is too deep.
-    pub fn new(gpu: &Gpu, on_device: &TracedScene, scene: &Scene, geometry: &Geometry) -> Result<Self, GpuError> {
+    pub async fn new(
+        gpu: &Gpu,
+        on_device: &TracedScene<'_>,
+        scene: &Scene,
+        geometry: &Geometry,
+    ) -> Result<Self, GpuError> {
         let began = Instant::now();
-        let positions: Vec<[f32; 4]> = read_back(gpu, on_device.positions, geometry.vertices.len())?;
+        let positions: Vec<[f32; 4]> = read_back_async(gpu, on_device.positions, geometry.vertices.len()).await?;
         let corners = |triangle: u32| {
             geometry.triangles[triangle as usize].map(|vertex| {
                 let [x, y, z, _] = positions[vertex as usize];

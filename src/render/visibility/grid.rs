@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back, rows};
+use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back_async, rows};
 use crate::render::layouts;
 use crate::render::visibility::tracer::TracedScene;
 use crate::render::visibility::view::capacity_for;
@@ -112,7 +112,7 @@ impl Grid {
     ///
     /// # Errors
     /// [`GpuError::Device`] if the device fails or cannot bind the lists.
-    pub fn new(gpu: &Gpu, scene: &TracedScene) -> Result<Self, GpuError> {
+    pub async fn new(gpu: &Gpu, scene: &TracedScene<'_>) -> Result<Self, GpuError> {
         let axis = |axis: u32| {
             let uniform = gpu.uniform::<layouts::Axis>("along");
             gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&layouts::Axis { axis, ..Default::default() }));
@@ -129,7 +129,7 @@ impl Grid {
             distances: [none("distances"), none("distances")],
             totals: gpu.storage("totals", 16),
         };
-        this.rebuild(gpu, scene)?;
+        this.rebuild(gpu, scene).await?;
         Ok(this)
     }
 
@@ -137,7 +137,7 @@ impl Grid {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene) -> Result<(), GpuError> {
+    pub async fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene<'_>) -> Result<(), GpuError> {
         let mut grid = frame_of(scene);
         // Parts of a buffer are bound at multiples of this.
         let alignment = u64::from(wgpu::Limits::default().min_storage_buffer_offset_alignment);
@@ -159,7 +159,7 @@ impl Grid {
         recording.run(&self.passes.count_cells, all_triangles, &self.inputs());
         recording.run(&self.passes.divide, all_cells, &self.inputs());
         recording.submit();
-        let sub_cells = u64::from(read_back::<u32>(gpu, &self.totals, 1)?[0]);
+        let sub_cells = u64::from(read_back_async::<u32>(gpu, &self.totals, 1).await?[0]);
         let lists = cells + sub_cells;
         check(gpu, words, lists)?;
         grid.lists = lists as u32;
@@ -173,7 +173,7 @@ impl Grid {
         }
         recording.run(&self.passes.reserve, rows(lists as u32), &self.inputs());
         recording.submit();
-        let entries = u64::from(read_back::<u32>(gpu, &self.totals, 2)?[1]);
+        let entries = u64::from(read_back_async::<u32>(gpu, &self.totals, 2).await?[1]);
         check(gpu, words, lists + entries)?;
 
         let mut recording = Recording::new(gpu, scene, "grid: lists");

@@ -73,11 +73,11 @@ impl Tracer {
     /// # Errors
     /// [`GpuError::Device`] if the device fails, was opened without ray queries that are asked for, or cannot
     /// bind the structure.
-    pub fn new(
+    pub async fn new(
         gpu: &Gpu,
         tracing: Tracing,
         previous: Option<Self>,
-        on_device: &TracedScene,
+        on_device: &TracedScene<'_>,
         scene: &Scene,
         geometry: &Geometry,
     ) -> Result<Self, GpuError> {
@@ -93,12 +93,12 @@ impl Tracer {
             Tracing::RayQuery => Self::RayQuery(Acceleration::new(gpu, on_device.positions, scene, geometry)),
             Tracing::Grid => match kept {
                 Some(mut grid) => {
-                    grid.rebuild(gpu, on_device)?;
+                    grid.rebuild(gpu, on_device).await?;
                     Self::Grid(grid)
                 }
-                None => Self::Grid(Box::new(Grid::new(gpu, on_device)?)),
+                None => Self::Grid(Box::new(Grid::new(gpu, on_device).await?)),
             },
-            Tracing::Bvh => Self::Bvh(Bvh::new(gpu, on_device, scene, geometry)?),
+            Tracing::Bvh => Self::Bvh(Bvh::new(gpu, on_device, scene, geometry).await?),
         })
     }
 

@@ -5,10 +5,12 @@ use std::path::Path;
 use crate::scene::builtin;
 use crate::scene::check::finish;
 use crate::scene::load::environment::EnvironmentChange;
+use crate::scene::load::files::{Disk, Files, InMemory, Resolver};
 use crate::scene::model::error::LoadError;
 use crate::scene::model::scene::Scene;
 
 pub mod environment;
+pub mod files;
 pub mod gltf;
 pub mod ies;
 pub mod mitsuba;
@@ -21,7 +23,7 @@ pub struct Format {
     pub endings: &'static [&'static str],
     /// One line for `lightsheaf scenes`.
     pub about: &'static str,
-    load: fn(&Path, Option<&str>) -> Result<Scene, LoadError>,
+    load: fn(&Path, Option<&str>, &dyn Files) -> Result<Scene, LoadError>,
 }
 
 /// All kinds of scene files.
@@ -30,7 +32,7 @@ pub const FORMATS: [Format; 2] = [
     Format {
         endings: &["xml"],
         about: "Mitsuba 0.5, 0.6, 2 and 3",
-        load: |path, variant| no_variants(path, variant).and_then(|()| mitsuba::load(path)),
+        load: |path, variant, files| no_variants(path, variant).and_then(|()| mitsuba::load(path, files)),
     },
 ];
 
@@ -59,18 +61,37 @@ pub fn load(spec: &str) -> Result<Scene, LoadError> {
 /// an error that lists those that do.
 pub fn load_with(spec: &str, variant: Option<&str>, change: &EnvironmentChange) -> Result<Scene, LoadError> {
     let path = Path::new(spec);
+    let scene = match spec.strip_prefix("builtin:") {
+        Some(name) => no_variants(path, variant).and_then(|()| builtin::load(name))?,
+        None => read(path, variant, &Disk)?,
+    };
+    checked(scene, spec, change)
+}
+
+/// Loads a scene like [`load()`] from a file in memory. `name` is its path or mere name, whose ending says what it
+/// is; `resolver` returns the files that it refers to.
+///
+/// # Errors
+/// As [`load()`]. A file that the resolver does not know is an error with its path.
+pub fn load_bytes(name: &str, bytes: &[u8], resolver: &Resolver) -> Result<Scene, LoadError> {
+    let path = Path::new(name);
+    let scene = read(path, None, &InMemory { path, bytes, resolver })?;
+    checked(scene, name, &EnvironmentChange::default())
+}
+
+/// Loads a file by the loader of its ending.
+fn read(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Scene, LoadError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let format = FORMATS.iter().find(|format| format.endings.contains(&extension.as_str()));
-    let mut scene = match (spec.strip_prefix("builtin:"), format) {
-        (Some(name), _) => no_variants(path, variant).and_then(|()| builtin::load(name))?,
-        (None, Some(format)) => (format.load)(path, variant)?,
-        (None, None) => {
-            return Err(LoadError::new(spec, format!("not a scene: expected {} or builtin:NAME", endings())));
-        }
-    };
-    scene.name = spec.to_owned();
+    let cause = || format!("not a scene: expected {} or builtin:NAME", endings());
+    (format.ok_or_else(|| LoadError::new(path, cause()))?.load)(path, variant, files)
+}
+
+/// Names a scene, changes its environment and checks it.
+fn checked(mut scene: Scene, name: &str, change: &EnvironmentChange) -> Result<Scene, LoadError> {
+    scene.name = name.to_owned();
     change.apply(&mut scene)?;
-    finish(&mut scene, path)?;
+    finish(&mut scene, Path::new(name))?;
     Ok(scene)
 }
 

@@ -49,19 +49,26 @@ impl EnvironmentMap {
     /// memory.
     pub const MAX_TEXELS: u64 = 1 << 28;
 
-    /// Loads a Radiance `.hdr` file, an OpenEXR file with red, green and blue, or an eight-bit image read as
-    /// sRGB.
+    /// Loads a file as [`Self::decode`] decodes it.
+    ///
+    /// # Errors
+    /// A missing file is an error; otherwise as [`Self::decode`].
+    pub fn load(path: &Path) -> Result<Self, LoadError> {
+        let bytes = std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))?;
+        Self::decode(&bytes, path)
+    }
+
+    /// Decodes a Radiance `.hdr` file, an OpenEXR file with red, green and blue, or an eight-bit image read as
+    /// sRGB. The path names it in errors.
     ///
     /// Rows are [`Rows::Centred`]; callers that know better overwrite the field.
     ///
     /// # Errors
-    /// A file that is missing, damaged, too large, without colour, compressed with DWA, or that has a
+    /// A file that is damaged, too large, without colour, compressed with DWA, or that has a
     /// negative or non-finite texel is an error.
-    pub fn load(path: &Path) -> Result<Self, LoadError> {
-        let error = |cause: String| LoadError::new(path, cause);
-        let bytes = std::fs::read(path).map_err(|e| error(format!("cannot be read: {e}")))?;
-        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(&bytes) } else { Self::decode_image(&bytes) }
-            .map_err(error)?;
+    pub fn decode(bytes: &[u8], path: &Path) -> Result<Self, LoadError> {
+        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(bytes) } else { Self::decode_image(bytes) }
+            .map_err(|cause| LoadError::new(path, cause))?;
         if let Some(i) = map.texels.iter().position(|t| !t.iter().all(|v| v.is_finite() && *v >= 0.0)) {
             let (x, y) = (i % map.width as usize, i / map.width as usize);
             return Err(LoadError::at(path, format!("texel ({x}, {y})"), "is negative or not finite"));

@@ -1,7 +1,7 @@
 //! The container: JSON or GLB, buffers, URIs. Every access by an index is checked here.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use ::gltf::json::mesh::Semantic;
@@ -16,9 +16,12 @@ use super::extensions::NormalTexture;
 use super::instances::Instancing;
 use super::lights::Profiles;
 use crate::scene::LoadError;
+use crate::scene::load::files::Files;
 
 /// A parsed file and the buffers that it refers to.
-pub(super) struct File {
+pub(super) struct File<'a> {
+    /// Where the file and those that it refers to are.
+    files: &'a dyn Files,
     /// Path of the file; relative URIs start from its folder.
     pub path: PathBuf,
     /// The JSON, syntactically valid and otherwise unchecked.
@@ -39,16 +42,16 @@ pub(super) struct File {
     buffers: Vec<Option<Vec<u8>>>,
 }
 
-impl File {
+impl<'a> File<'a> {
     /// Reads and parses the file itself without the files that it refers to.
-    pub fn open(path: &Path) -> Result<Self, LoadError> {
-        let bytes = read(path)?;
+    pub fn open(path: &Path, files: &'a dyn Files) -> Result<Self, LoadError> {
+        let bytes = files.read(path)?;
         let (text, chunk) = if bytes.starts_with(b"glTF") {
             split_glb(&bytes).map_err(|(place, cause)| LoadError::at(path, place, cause))?
         } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("glb")) {
             return Err(LoadError::at(path, "byte 0", "not a GLB file: it does not start with `glTF`"));
         } else {
-            (bytes.as_slice(), None)
+            (&*bytes, None)
         };
         let invalid = |e: serde_json::Error| {
             // The message ends with the position, which moves to the error's own place.
@@ -71,6 +74,7 @@ impl File {
         }
         let chunk = chunk.map(<[u8]>::to_vec);
         Ok(Self {
+            files,
             path: path.to_owned(),
             root,
             normal_maps,
@@ -217,17 +221,10 @@ impl File {
             return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));
         }
         let path = self.beside(&name);
-        read(&path).map_err(|e| self.error(place, format!("refers to {}: {}", path.display(), e.cause)))
+        let bytes = self.files.read(&path);
+        let failed = |e: LoadError| self.error(place, format!("refers to {}, which {}", path.display(), e.cause));
+        bytes.map(Cow::into_owned).map_err(failed)
     }
-}
-
-/// Reads a regular file; devices and pipes, which may never end, are errors.
-fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
-    let failed = |e: std::io::Error| LoadError::new(path, format!("the file cannot be read: {e}"));
-    if !fs::metadata(path).map_err(failed)?.is_file() {
-        return Err(LoadError::new(path, "not a regular file"));
-    }
-    fs::read(path).map_err(failed)
 }
 
 /// Parses the JSON; adds a scene's list of nodes and a channel's node if they are missing, since the parser

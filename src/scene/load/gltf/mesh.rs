@@ -82,7 +82,7 @@ pub(super) fn attribute(primitive: &Primitive, semantic: Semantic) -> Option<Ind
 
 /// A primitive's POSITION accessor and the vertices to read, which all its attributes share.
 struct Source<'a> {
-    file: &'a File,
+    file: &'a File<'a>,
     primitive: &'a Primitive,
     place: &'a str,
     positions: Accessor<'a>,

@@ -33,6 +33,7 @@ use self::file::File;
 use self::material::Materials;
 use self::mesh::{Budget, Wanted};
 use crate::scene::animation::{AttachedLight, Deformation, Local, Rig, Shape, Tree};
+use crate::scene::load::files::Files;
 use crate::scene::model::tangents;
 use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
@@ -78,13 +79,13 @@ fn substitute(extension: &str) -> &'static str {
     }
 }
 
-/// Loads a .gltf or .glb file in one of its variants, or with its own choice of materials.
+/// Loads a .gltf or .glb file, and what it refers to, in one of its variants or with its own choice of materials.
 ///
 /// # Errors
 /// A file that is missing, truncated or invalid, that requires an unsupported extension, or that lacks the
 /// variant, is an error.
-pub fn load(path: &Path, variant: Option<&str>) -> Result<Scene, LoadError> {
-    let mut file = File::open(path)?;
+pub fn load(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Scene, LoadError> {
+    let mut file = File::open(path, files)?;
     let mut scene = Scene { name: path.display().to_string(), ..Scene::default() };
     check_extensions(&file, &mut scene)?;
     file.check_references()?;
@@ -188,7 +189,7 @@ struct Shown<'a> {
 }
 
 struct Loader<'a> {
-    file: &'a File,
+    file: &'a File<'a>,
     scene: Scene,
     /// Index of the variant, if one has been picked.
     variant: Option<u32>,

@@ -262,7 +262,7 @@ impl<'a> Loader<'a> {
             plugin.ignore(&["material"]);
             let outside = self.outside_index(plugin, "ext_eta")?;
             let part = |name: &str, missing: f32| -> Result<Vec3, LoadError> {
-                let value = plugin.color(name, Use::Unbounded, &self.folders)?;
+                let value = plugin.color(name, Use::Unbounded, &self.search)?;
                 Ok(value.unwrap_or(Vec3::splat(missing)).max(Vec3::ZERO) / outside)
             };
             Fresnel::Conductor { eta: part("eta", 0.0)?, k: part("k", 1.0)? }

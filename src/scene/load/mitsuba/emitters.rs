@@ -138,7 +138,7 @@ impl<'a> Loader<'a> {
                 }
             }
         };
-        let albedo = plugin.color("albedo", Use::Reflectance, &self.folders)?;
+        let albedo = plugin.color("albedo", Use::Reflectance, &self.search)?;
         let scale = float("scale", 1.0)?;
         let missing = ClearSky::default();
         let sky = ClearSky {
@@ -195,7 +195,7 @@ impl<'a> Loader<'a> {
                 let Some((world, _)) = rotation(place) else {
                     return Err(element.error("to_world is singular: the light has no direction"));
                 };
-                let factor = plugin.color("irradiance", Use::Radiance, &self.folders)?.unwrap_or(Vec3::ONE);
+                let factor = plugin.color("irradiance", Use::Radiance, &self.search)?.unwrap_or(Vec3::ONE);
                 let texels = vec![factor.to_array()];
                 self.scene.patterns.push(Pattern { name: element.title(), mapping, width: 1, height: 1, texels });
                 (Some(self.scene.patterns.len() - 1), (world * turn).as_mat3())
@@ -256,7 +256,7 @@ impl<'a> Loader<'a> {
 
     /// Returns a light's colour, whose default in Mitsuba is 1, times 0.5's `scale`.
     fn light_color(&self, plugin: &Plugin<'a>, name: &str) -> Result<Vec3, LoadError> {
-        let color = plugin.color(name, Use::Radiance, &self.folders)?.unwrap_or(Vec3::ONE);
+        let color = plugin.color(name, Use::Radiance, &self.search)?.unwrap_or(Vec3::ONE);
         Ok(color * plugin.float("scale")?.unwrap_or(1.0))
     }
 
@@ -277,8 +277,8 @@ impl<'a> Loader<'a> {
     fn environment_map(&mut self, plugin: &Plugin<'a>, to_world: DMat4) -> Result<Environment, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("an envmap needs a `filename`"))?;
-        let path = self.resolve(element, name)?;
-        let mut map = EnvironmentMap::load(&path)?;
+        let (path, bytes) = self.search.read(element, name)?;
+        let mut map = EnvironmentMap::decode(&bytes, &path)?;
         map.rows = Rows::AtPoles;
         plugin.ignore(&["mis_compensation", "gamma", "cache", "samples"]);
         // Only the rotation matters, because lookup directions are normalized.

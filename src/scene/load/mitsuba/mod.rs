@@ -25,27 +25,28 @@ mod xml;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use crate::scene::load::files::Files;
 use crate::scene::{Instance, LoadError, Scene};
 use values::{Ids, Plugin};
-use xml::Element;
+use xml::{Element, Search, Tree};
 
 /// Loads a scene file and everything that it refers to.
 ///
 /// # Errors
 /// A file that is missing or malformed, a dangling reference and a value out of range are errors; the message
 /// names the file and the line.
-pub fn load(path: &Path) -> Result<Scene, LoadError> {
-    let tree = xml::read(path)?;
+pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
+    let Tree { root, search } = xml::read(path, files)?;
     let mut loader = Loader {
-        ids: xml::ids(&tree.root)?,
-        folders: tree.folders.clone(),
+        ids: xml::ids(&root)?,
+        search,
         scene: Scene { name: path.display().to_string(), ..Scene::default() },
         materials: HashMap::new(),
         images: HashMap::new(),
         groups: HashMap::new(),
         triangles: 0,
     };
-    for element in &tree.root.children {
+    for element in &root.children {
         loader.top_level(element)?;
     }
     // Mitsuba's materials use vertex colours only if a texture refers to them by name.
@@ -56,7 +57,7 @@ pub fn load(path: &Path) -> Result<Scene, LoadError> {
 /// State of the loader. Elements are identified by their address.
 struct Loader<'a> {
     ids: Ids<'a>,
-    folders: Vec<PathBuf>,
+    search: Search<'a>,
     scene: Scene,
     /// Materials by BSDF and emitter.
     materials: HashMap<[Option<*const Element>; 2], shapes::ShapeMaterial>,
@@ -107,10 +108,5 @@ impl<'a> Loader<'a> {
             let plugin_name = plugin.element.plugin();
             self.warn(format!("`{plugin_name}`: not supported and ignored: {}", unused.join(", ")));
         }
-    }
-
-    /// Finds a file that an element refers to.
-    fn resolve(&self, element: &Element, name: &str) -> Result<PathBuf, LoadError> {
-        xml::resolve(element, name, &self.folders)
     }
 }

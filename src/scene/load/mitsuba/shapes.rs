@@ -4,8 +4,6 @@
 //! triangles with exact normals. A mirroring `to_world` keeps the outside of a body, and turns a mesh without
 //! normals inside out, as in Mitsuba, which determines the front by the winding in world space.
 
-use std::path::Path;
-
 use glam::{Affine2, Affine3A, DMat4, DVec3, Mat3A, Vec3};
 
 use super::bsdfs::{NormalMapBasis, Surface};
@@ -192,8 +190,7 @@ impl<'a> Loader<'a> {
     ) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
-        let path = self.resolve(element, name)?;
-        let bytes = read(&path)?;
+        let (path, bytes) = self.search.read(element, name)?;
         let mut materials = Vec::new();
         let (mut mesh, flat) = match kind {
             "obj" => {
@@ -307,10 +304,6 @@ fn default_surface(emitter: bool) -> Surface {
     let name = if emitter { "light" } else { "default" }.to_owned();
     let material = Material { bsdf, sides: Sides::One, ..Material::diffuse(name, Vec3::ONE) };
     Surface { material, basis: None, bump: false }
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
-    std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))
 }
 
 fn affine(element: &Element, to_world: Option<DMat4>) -> Result<Affine3A, LoadError> {

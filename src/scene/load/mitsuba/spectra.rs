@@ -5,12 +5,10 @@
 //! The observer is the fit of Wyman, Sloan and Shirley, "Simple Analytic Approximations to the CIE XYZ Color
 //! Matching Functions" (JCGT 2013), multi-lobe, within 1 %.
 
-use std::path::PathBuf;
-
 use glam::{DMat3, DVec3, Vec3};
 
 use super::values::{number, numbers};
-use super::xml::{Element, resolve};
+use super::xml::{Element, Search};
 use crate::scene::LoadError;
 use crate::scene::model::texture::linear_from_srgb;
 
@@ -26,12 +24,12 @@ pub(in crate::scene) enum Use {
 }
 
 /// Returns the colour of a `float`, `rgb`, `srgb`, `spectrum` or `blackbody` element.
-pub(super) fn color(element: &Element, use_: Use, folders: &[PathBuf]) -> Result<Vec3, LoadError> {
+pub(super) fn color(element: &Element, use_: Use, search: &Search) -> Result<Vec3, LoadError> {
     let color = match (element.tag.as_str(), element.plugin()) {
         ("float" | "integer", _) => Vec3::splat(number(element)?),
         ("rgb" | "color", _) => rgb(element)?,
         ("srgb", _) => srgb(element)?,
-        ("spectrum", "") => spectrum(element, use_, folders)?,
+        ("spectrum", "") => spectrum(element, use_, search)?,
         ("spectrum" | "texture", plugin) => spectrum_plugin(element, plugin, use_)?,
         ("blackbody", _) => blackbody(element)?,
         (tag, _) => return Err(element.error(format!("<{tag}> is not a colour"))),
@@ -76,12 +74,11 @@ fn srgb(element: &Element) -> Result<Vec3, LoadError> {
 }
 
 /// Reads one number, a list such as `400:0.3, 500:0.5`, or a file with a wavelength and a value per line.
-fn spectrum(element: &Element, use_: Use, folders: &[PathBuf]) -> Result<Vec3, LoadError> {
+fn spectrum(element: &Element, use_: Use, search: &Search) -> Result<Vec3, LoadError> {
     let text = match element.attribute("filename") {
         Some(name) => {
-            let path = resolve(element, name, folders)?;
-            let text =
-                std::fs::read_to_string(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
+            let (path, bytes) = search.read(element, name)?;
+            let text = std::str::from_utf8(&bytes).map_err(|_| LoadError::new(path, "is not UTF-8 text"))?;
             text.lines().filter(|line| !line.trim_start().starts_with('#')).collect::<Vec<_>>().join("\n")
         }
         None => element.required("value")?.to_owned(),

@@ -78,8 +78,7 @@ impl<'a> Loader<'a> {
         }
         let plugin = self.plugin(element)?;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("a bitmap needs a `filename`"))?;
-        let path = self.resolve(element, name)?;
-        let bytes = std::fs::read(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
+        let (path, bytes) = self.search.read(element, name)?;
         let wrap = self.wrap_modes(&plugin)?;
         // Heights are the stored values, without colour conversion.
         plugin.ignore(&["raw", "gamma", "filter_type"]);

@@ -21,7 +21,7 @@ impl<'a> Loader<'a> {
         match plugin.get(name) {
             None => Ok(None),
             Some(element) if is_texture(element) => self.color_texture(element, Use::Reflectance).map(Some),
-            Some(_) => Ok(plugin.color(name, Use::Reflectance, &self.folders)?.map(Color::from)),
+            Some(_) => Ok(plugin.color(name, Use::Reflectance, &self.search)?.map(Color::from)),
         }
     }
 
@@ -31,7 +31,7 @@ impl<'a> Loader<'a> {
             None => Ok(None),
             Some(element) if is_texture(element) => self.scalar_texture(element).map(Some),
             Some(element) if matches!(element.tag.as_str(), "rgb" | "srgb" | "spectrum") => {
-                Ok(plugin.color(name, Use::Unbounded, &self.folders)?.map(|c| Scalar::from(luminance(c.to_array()))))
+                Ok(plugin.color(name, Use::Unbounded, &self.search)?.map(|c| Scalar::from(luminance(c.to_array()))))
             }
             Some(_) => Ok(plugin.float(name)?.map(Scalar::from)),
         }
@@ -64,7 +64,7 @@ impl<'a> Loader<'a> {
                             );
                             Ok(Vec3::splat(missing))
                         }
-                        _ => Ok(plugin.color(name, use_, &self.folders)?.unwrap_or(Vec3::splat(missing))),
+                        _ => Ok(plugin.color(name, use_, &self.search)?.unwrap_or(Vec3::splat(missing))),
                     }
                 };
                 let colors = [side("color0", 0.4)?, side("color1", 0.2)?];
@@ -88,9 +88,9 @@ impl<'a> Loader<'a> {
                 let Some(nested) = nested.first() else {
                     return Err(element.error("a `scale` texture needs a texture inside"));
                 };
-                let scale = match plugin.color("scale", Use::Unbounded, &self.folders)? {
+                let scale = match plugin.color("scale", Use::Unbounded, &self.search)? {
                     Some(scale) => scale,
-                    None => plugin.color("value", Use::Unbounded, &self.folders)?.unwrap_or(Vec3::ONE),
+                    None => plugin.color("value", Use::Unbounded, &self.search)?.unwrap_or(Vec3::ONE),
                 };
                 let color = self.color_texture_at(nested, use_, depth + 1)?;
                 Color { factor: color.factor * scale, ..color }
@@ -170,13 +170,14 @@ impl<'a> Loader<'a> {
     pub(super) fn bitmap_image(&mut self, plugin: &Plugin<'a>) -> Result<usize, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("a bitmap needs a `filename`"))?;
-        let path = self.resolve(element, name)?;
+        let path = self.search.find(element, name)?;
         if let Some(&image) = self.images.get(&path) {
             return Ok(image);
         }
+        let bytes = self.search.files.read(&path)?;
         let image = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
             self.warn(format!("the texture `{name}` is clamped to [0, 1] and stored with eight bits"));
-            let map = EnvironmentMap::load(&path)?;
+            let map = EnvironmentMap::decode(&bytes, &path)?;
             let encode = |t: &[f32; 3]| {
                 let [r, g, b] = t.map(encode_srgb);
                 [r, g, b, 255]
@@ -188,7 +189,6 @@ impl<'a> Loader<'a> {
                 texels: map.texels.iter().map(encode).collect(),
             }
         } else {
-            let bytes = std::fs::read(&path).map_err(|e| LoadError::new(&path, format!("cannot be read: {e}")))?;
             Image::decode(&bytes, name).map_err(|cause| LoadError::new(&path, cause))?
         };
         self.scene.images.push(image);

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use glam::{DMat4, DVec3, Vec3};
 
 use super::spectra;
-use super::xml::Element;
+use super::xml::{Element, Search};
 use crate::scene::LoadError;
 
 /// Elements by id.
@@ -124,13 +124,8 @@ impl<'a> Plugin<'a> {
     }
 
     /// Returns a colour without texture.
-    pub fn color(
-        &self,
-        name: &str,
-        use_: spectra::Use,
-        folders: &[std::path::PathBuf],
-    ) -> Result<Option<Vec3>, LoadError> {
-        self.get(name).map(|e| spectra::color(e, use_, folders)).transpose()
+    pub fn color(&self, name: &str, use_: spectra::Use, search: &Search) -> Result<Option<Vec3>, LoadError> {
+        self.get(name).map(|e| spectra::color(e, use_, search)).transpose()
     }
 }
 

@@ -4,11 +4,13 @@
 //! A parameter keeps its first value, so a file that includes another overrides its defaults. Depth, number
 //! of includes and number of elements are limited, because a file may include itself.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::scene::LoadError;
+use crate::scene::load::files::Files;
 
 /// Maximum nesting depth of elements, including included files.
 const MAX_DEPTH: usize = 64;
@@ -80,58 +82,72 @@ impl Element {
     }
 }
 
-/// A scene's tree and its search folders, which `path` elements name.
-#[derive(Debug)]
-pub(super) struct Tree {
+/// A scene's tree, and where the files are that it refers to.
+pub(super) struct Tree<'a> {
     /// The `scene` element.
     pub root: Element,
-    /// Search folders, besides the folder of the file that refers to a file.
-    pub folders: Vec<PathBuf>,
+    /// Where the files are.
+    pub search: Search<'a>,
+}
+
+/// Finds the files that elements refer to.
+pub(super) struct Search<'a> {
+    /// The files.
+    pub files: &'a dyn Files,
+    /// The folders that `path` elements name, besides the folder of the file that refers to a file.
+    folders: Vec<PathBuf>,
+}
+
+impl<'a> Search<'a> {
+    /// Finds a file that an element refers to: in the folder of the element's file, then in the search folders.
+    pub fn find(&self, element: &Element, name: &str) -> Result<PathBuf, LoadError> {
+        let spellings = [name.to_owned(), name.replace('\\', "/")];
+        let beside = element.file().parent().unwrap_or(Path::new("")).to_owned();
+        for spelling in &spellings {
+            for folder in std::iter::once(&beside).chain(&self.folders) {
+                let path = folder.join(spelling);
+                if self.files.has(&path) {
+                    return Ok(path);
+                }
+            }
+        }
+        Err(element.error(format!("the file `{name}` does not exist in `{}`", beside.display())))
+    }
+
+    /// Finds a file as [`Self::find`] does, and reads it.
+    pub fn read(&self, element: &Element, name: &str) -> Result<(PathBuf, Cow<'a, [u8]>), LoadError> {
+        let path = self.find(element, name)?;
+        let bytes = self.files.read(&path)?;
+        Ok((path, bytes))
+    }
 }
 
 /// Reads a scene file and everything that it includes.
-pub(super) fn read(path: &Path) -> Result<Tree, LoadError> {
-    let mut reader = Reader { parameters: Vec::new(), folders: Vec::new(), includes: 0, elements: 0 };
-    if let Some(folder) = path.parent() {
-        reader.folders.push(folder.to_owned());
-    }
+pub(super) fn read<'a>(path: &Path, files: &'a dyn Files) -> Result<Tree<'a>, LoadError> {
+    let search = Search { files, folders: path.parent().into_iter().map(Path::to_owned).collect() };
+    let mut reader = Reader { parameters: Vec::new(), search, includes: 0, elements: 0 };
     let root = reader.file(path, 0)?;
     if root.tag != "scene" {
         return Err(root.error(format!("the root element is <{}>; a Mitsuba scene starts with <scene>", root.tag)));
     }
-    Ok(Tree { root, folders: reader.folders })
+    Ok(Tree { root, search: reader.search })
 }
 
-/// Finds a file that an element refers to: in the folder of the element's file, then in the search folders.
-pub(super) fn resolve(element: &Element, name: &str, folders: &[PathBuf]) -> Result<PathBuf, LoadError> {
-    let spellings = [name.to_owned(), name.replace('\\', "/")];
-    let beside = element.file().parent().unwrap_or(Path::new("")).to_owned();
-    for spelling in &spellings {
-        for folder in std::iter::once(&beside).chain(folders) {
-            let path = folder.join(spelling);
-            if path.is_file() {
-                return Ok(path);
-            }
-        }
-    }
-    Err(element.error(format!("the file `{name}` does not exist in `{}`", beside.display())))
-}
-
-struct Reader {
+struct Reader<'a> {
     parameters: Vec<(String, String)>,
-    folders: Vec<PathBuf>,
+    search: Search<'a>,
     includes: usize,
     elements: usize,
 }
 
-impl Reader {
+impl Reader<'_> {
     fn file(&mut self, path: &Path, depth: usize) -> Result<Element, LoadError> {
-        let bytes = std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))?;
-        let text = String::from_utf8(bytes).map_err(|e| {
-            let line = 1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+        let bytes = self.search.files.read(path)?;
+        let text = std::str::from_utf8(&bytes).map_err(|e| {
+            let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
             LoadError::at(path, format!("line {line}"), "is not UTF-8 text")
         })?;
-        let document = roxmltree::Document::parse(&text)
+        let document = roxmltree::Document::parse(text)
             .map_err(|e| LoadError::at(path, format!("line {}", e.pos().row), format!("is not valid XML: {e}")))?;
         let line_starts: Vec<usize> = std::iter::once(0)
             .chain(text.bytes().enumerate().filter(|&(_, b)| b == b'\n').map(|(i, _)| i + 1))
@@ -171,7 +187,7 @@ impl Reader {
                 "include" => element.children.extend(self.include(&child, depth)?),
                 "path" => {
                     let folder = Path::new(child.required("value")?);
-                    self.folders.push(child.file().parent().unwrap_or(Path::new("")).join(folder));
+                    self.search.folders.push(child.file().parent().unwrap_or(Path::new("")).join(folder));
                 }
                 _ => element.children.push(child),
             }
@@ -197,7 +213,7 @@ impl Reader {
         if self.includes > MAX_INCLUDES {
             return Err(element.error(format!("more than {MAX_INCLUDES} includes; does the file include itself?")));
         }
-        let path = resolve(element, element.required("filename")?, &self.folders)?;
+        let path = self.search.find(element, element.required("filename")?)?;
         let included = self.file(&path, depth + 1)?;
         Ok(if included.tag == "scene" { included.children } else { vec![included] })
     }

@@ -4,7 +4,7 @@
 //! Reads: the eye vertices z1 and the lights. Writes: a number for each light. Skipped when: lights are few.
 //! Runs once a view.
 
-use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back, rows};
+use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back_async, rows};
 use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
 
@@ -34,7 +34,7 @@ impl LightImportance {
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn read(&self, gpu: &Gpu) -> Result<Vec<f32>, GpuError> {
-        read_back(gpu, &self.importance, self.count as usize)
+    pub async fn read(&self, gpu: &Gpu) -> Result<Vec<f32>, GpuError> {
+        read_back_async(gpu, &self.importance, self.count as usize).await
     }
 }

@@ -4,7 +4,7 @@
 //! Reads: the eye vertices z1. Writes: the guide. Skipped when: there is no sky or no VPL, lists or depth
 //! maps answer visibility, or the camera is outside the scene. Runs once a view.
 
-use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back, rows};
+use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back_async, rows};
 use crate::render::layouts::Found;
 use crate::render::layouts::found_lines::SPREAD;
 use crate::render::lights::sky_guide::{HEIGHT, SIDE, densities};
@@ -58,8 +58,8 @@ impl SkyGuide {
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub fn update(&self, gpu: &Gpu) -> Result<(), GpuError> {
-        let found: Vec<Found> = read_back(gpu, &self.found, LINES as usize)?;
+    pub async fn update(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        let found: Vec<Found> = read_back_async(gpu, &self.found, LINES as usize).await?;
         let densities = densities(&found);
         write_texture(gpu, &self.texels, [0, 0, 0], [SIDE, HEIGHT], 4, bytemuck::cast_slice(&densities));
         Ok(())

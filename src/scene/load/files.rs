@@ -1,0 +1,73 @@
+//! The files that a scene is loaded from: on the disk, or in memory.
+
+use std::borrow::Cow;
+use std::path::{Component, Path, PathBuf};
+
+use crate::scene::LoadError;
+
+/// A place where files are. Loaders ask it for a scene's file, and for those that this file refers to.
+pub trait Files: Sync {
+    /// True if there is such a file.
+    fn has(&self, path: &Path) -> bool;
+
+    /// Returns the bytes of a file.
+    ///
+    /// # Errors
+    /// A file that is missing or cannot be read is an error with its path.
+    fn read(&self, path: &Path) -> Result<Cow<'_, [u8]>, LoadError>;
+}
+
+/// The file system.
+pub struct Disk;
+
+impl Files for Disk {
+    fn has(&self, path: &Path) -> bool {
+        path.is_file()
+    }
+
+    /// Reads a regular file; devices and pipes, which may never end, are errors.
+    fn read(&self, path: &Path) -> Result<Cow<'_, [u8]>, LoadError> {
+        let failed = |e: std::io::Error| LoadError::new(path, format!("cannot be read: {e}"));
+        if !std::fs::metadata(path).map_err(failed)?.is_file() {
+            return Err(LoadError::new(path, "cannot be read: it is not a regular file"));
+        }
+        std::fs::read(path).map(Cow::Owned).map_err(failed)
+    }
+}
+
+/// Returns the bytes of a file by its path from the scene's folder, such as `textures/wood.png`; none if there is
+/// no such file. Absolute paths stay as the scene has them.
+pub type Resolver<'a> = dyn Fn(&str) -> Option<Vec<u8>> + Sync + 'a;
+
+/// A scene's file in memory, and what it refers to by a function.
+pub struct InMemory<'a> {
+    /// Path of the file, which may be its mere name.
+    pub path: &'a Path,
+    /// Its contents.
+    pub bytes: &'a [u8],
+    /// The other files.
+    pub resolver: &'a Resolver<'a>,
+}
+
+impl InMemory<'_> {
+    fn resolve(&self, path: &Path) -> Option<Cow<'_, [u8]>> {
+        if path == self.path {
+            return Some(Cow::Borrowed(self.bytes));
+        }
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        let beside = path.strip_prefix(folder).unwrap_or(path);
+        let plain: PathBuf = beside.components().filter(|part| *part != Component::CurDir).collect();
+        (self.resolver)(&plain.to_string_lossy().replace('\\', "/")).map(Cow::Owned)
+    }
+}
+
+impl Files for InMemory<'_> {
+    fn has(&self, path: &Path) -> bool {
+        self.resolve(path).is_some()
+    }
+
+    fn read(&self, path: &Path) -> Result<Cow<'_, [u8]>, LoadError> {
+        let missing = "is missing: give it together with the file that refers to it, or embed it there";
+        self.resolve(path).ok_or_else(|| LoadError::new(path, missing))
+    }
+}
