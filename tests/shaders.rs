@@ -6,10 +6,10 @@ mod common;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use common::browser::{Browser, Site};
 use common::shaders;
 use lightsheaf::gpu::{Flag, Source, flag_names, link, link_source, module_names};
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
-use wgpu::naga;
 
 const CONNECT: &str = "shared/paths/connect";
 const EXTEND: &str = "shared/paths/extend";
@@ -249,20 +249,31 @@ fn every_pass_links_and_validates_with_every_set_of_flags() {
     link_and_validate(true);
 }
 
+/// A pass and the flags that it is linked with.
+type Case = (&'static str, Vec<Flag>);
+
+/// Returns the sensible sets of passes, all or those with few flags on or few off.
+fn cases(passes: &[&'static str], every: bool) -> Vec<Case> {
+    let of_pass = |&pass: &&'static str| sets(pass, &flags_of(pass), every).into_iter().map(move |set| (pass, set));
+    let cases: Vec<_> = passes.iter().flat_map(of_pass).collect();
+    assert!(cases.len() > 100, "only {} cases", cases.len());
+    cases
+}
+
+/// Links all cases.
+fn link_all(cases: &[Case]) -> Vec<String> {
+    let linked =
+        |(pass, set): &Case| link_any(pass, set).unwrap_or_else(|e| panic!("{pass} with {set:?} does not link: {e}"));
+    cases.par_iter().map(linked).collect()
+}
+
 fn link_and_validate(every: bool) {
     let passes = passes();
     assert!(passes.len() >= 30 && shaders::ALL.iter().all(|m| passes.contains(&m.name())), "{passes:?}");
-    let cases: Vec<(&str, Vec<Flag>)> = passes
-        .iter()
-        .flat_map(|&pass| sets(pass, &flags_of(pass), every).into_iter().map(move |set| (pass, set)))
-        .collect();
-    assert!(cases.len() > 100, "only {} cases", cases.len());
+    let cases = cases(&passes, every);
 
     // Sets that link to the same text are validated once.
-    let linked: Vec<String> = cases
-        .par_iter()
-        .map(|(pass, set)| link_any(pass, set).unwrap_or_else(|e| panic!("{pass} with {set:?} does not link: {e}")))
-        .collect();
+    let linked = link_all(&cases);
     let distinct: BTreeMap<&String, &(&str, Vec<Flag>)> = linked.iter().zip(&cases).collect();
     let distinct: Vec<_> = distinct.into_iter().collect();
     let validated = distinct.par_iter().map(|(wgsl, (pass, set))| {
@@ -295,6 +306,67 @@ fn link_and_validate(every: bool) {
             }
         });
         assert!(matters, "{} changes no shader", flag_names(&[*flag]));
+    }
+}
+
+/// A page that has the browser compile `shader_0.wgsl` to `shader_COUNT.wgsl` and posts what it says against them.
+const COMPILING: &str = r#"<!doctype html>
+<script type="module">
+  const post = (body, headers) => fetch("/done", { method: "POST", headers, body });
+  try {
+    const adapter = await navigator.gpu.requestAdapter();
+    const device = await adapter.requestDevice();
+    const compiled = async n => {
+      const code = await (await fetch(`shader_${n}.wgsl`)).text();
+      const { messages } = await device.createShaderModule({ code }).getCompilationInfo();
+      return messages.filter(m => m.type === "error").map(m => [n, `line ${m.lineNum}: ${m.message}`]);
+    };
+    const wrong = [];
+    for (let n = 0; n < COUNT; n++) wrong.push(...await compiled(n));
+    await post(JSON.stringify(wrong));
+  } catch (error) {
+    await post(String(error), { "X-Error": "1" });
+  }
+</script>
+"#;
+
+/// Shaders that a page compiles. Each takes the browser some hundredths of a second.
+const OF_A_PAGE: usize = 400;
+
+/// What browsers compile with is another compiler than naga: Tint in those that come from Chromium. A share of
+/// each pass' sets is compiled, and the first.
+#[test]
+fn shaders_compile_in_a_browser() {
+    compile_in_a_browser(OF_A_PAGE);
+}
+
+#[test]
+#[ignore = "the test above has a share of the sets; all of few flags take minutes"]
+fn every_shader_compiles_in_a_browser() {
+    compile_in_a_browser(usize::MAX);
+}
+
+fn compile_in_a_browser(about: usize) {
+    let Some(browser) = Browser::find() else { return };
+    let passes: Vec<_> = passes().into_iter().filter(|pass| shaders::find(pass).is_none()).collect();
+    let cases: Vec<_> = cases(&passes, false).into_iter().filter(|(pass, set)| !queries_rays(pass, set)).collect();
+    let step = cases.len().div_ceil(about) | 1;
+    let kept = |at: usize| at.is_multiple_of(step) || cases[at - 1].0 != cases[at].0;
+    let cases: Vec<_> = cases.iter().enumerate().filter(|(at, _)| kept(*at)).map(|(_, case)| case.clone()).collect();
+    let linked: Vec<_> = link_all(&cases).into_iter().zip(cases).collect();
+    let distinct: Vec<_> = BTreeMap::from_iter(linked).into_iter().collect();
+    println!("{} shaders of {} passes", distinct.len(), passes.len());
+    for page in distinct.chunks(OF_A_PAGE) {
+        let planted = "fn f() -> u32 { return 1.5; }".to_owned();
+        let texts = page.iter().map(|(text, _)| text).chain([&planted]);
+        let shader = |(n, text): (usize, &String)| (format!("shader_{n}.wgsl"), text.clone().into_bytes());
+        let mut site: Site = texts.enumerate().map(shader).collect();
+        let compiling = COMPILING.replace("COUNT", &(page.len() + 1).to_string());
+        site.insert("index.html".to_owned(), compiling.into_bytes());
+        let wrong: Vec<(usize, String)> = serde_json::from_slice(&browser.visit(&site, "index.html", 1)[0]).unwrap();
+        assert_eq!(wrong.iter().filter(|(n, _)| *n == page.len()).count(), 1, "it compiles everything: {wrong:?}");
+        let wrong: Vec<_> = wrong.iter().filter_map(|(n, message)| Some((&page.get(*n)?.1, message))).collect();
+        assert!(wrong.is_empty(), "{wrong:?}");
     }
 }
 
