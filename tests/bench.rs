@@ -204,3 +204,28 @@ fn what_cannot_be_measured_is_refused() {
     let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/cornell_point-exact.exr");
     fail(&[scene, "--reference", golden, "--methods", "reference"], "--size 64x64");
 }
+
+/// The report of a GPU works in its small form: every render is there, right, and in one page.
+#[test]
+fn a_gpu_is_reported_by_one_command() {
+    if common::gpu().is_none() {
+        return;
+    }
+    let folder = Folder::new("gpu");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/gpu.sh");
+    let mut command = Command::new("bash");
+    command.args([script, "--small", "-o", &folder.path("")]).env("LIGHTSHEAF", env!("CARGO_BIN_EXE_lightsheaf"));
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_str(&folder.read("report.json")).unwrap();
+    assert!(report["small"] == true && report["stress"]["failed"] == 0, "{}", report["stress"]);
+    let renders = report["renders"].as_array().unwrap();
+    assert!(renders.len() >= 9, "{}", renders.len());
+    for render in renders {
+        let passes = render["stats"]["passes"].as_object();
+        assert!(passes.is_some_and(|passes| !passes.is_empty()), "{}: {}", render["name"], render["error"]);
+    }
+    let html = folder.read("report.html");
+    let data = html.split("application/json\">").nth(1).unwrap().split("</script>").next().unwrap();
+    assert_eq!(serde_json::from_str::<Value>(data).unwrap(), report);
+}
