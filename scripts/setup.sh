@@ -9,7 +9,8 @@
 # data folder; Debian and Ubuntu have no package of it. Needs python3 with pip, on Linux on x86-64.
 #
 # With --window also what `lightsheaf view` needs (the libraries of X11), with --tests also a display that nobody sees, hands and
-# eyes (Xvfb, xdotool, xwd), by which the tests use its window.
+# eyes (Xvfb, xdotool, xwd), by which the tests use its window, and on Debian a browser, in which they run the page and whose
+# Vulkan is a second software driver. Where no browser can be installed, what needs it is skipped.
 #
 # Knows Debian 12 (Mesa from backports, whose version has ray queries), Debian 13 and Ubuntu 24.04 or later. Elsewhere it
 # says what to install. With --check it only says what is missing, and fails if anything is.
@@ -109,6 +110,19 @@ look() {
     fi
 }
 
+# Debian's package has the browser and SwiftShader, its software Vulkan. Ubuntu's is only a door to another store.
+install_browser() {
+    command -v chromium >/dev/null && return
+    [[ $(. /etc/os-release 2>/dev/null && echo "${ID:-}") == debian ]] || { say "no Chromium, and no package of it: tests in a browser are skipped"; return; }
+    [[ $check ]] && { say "missing: Chromium (tests in a browser are skipped without it)"; return; }
+    local as_root=()
+    [[ $(id -u) -eq 0 ]] || as_root=(sudo -n)
+    say "installing Chromium (the tests run the page in it)"
+    local apt=(${as_root[@]+"${as_root[@]}"} env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=120)
+    { "${apt[@]}" update && "${apt[@]}" install -y --no-install-recommends chromium; } >&2 </dev/null ||
+        say "Chromium cannot be installed: tests in a browser are skipped"
+}
+
 reason() {
     case $1 in
         compiler) echo "a C++ compiler (Rust links with it, and the FLIP metric is C++)" ;;
@@ -121,6 +135,7 @@ reason() {
 
 # --- What is missing ---------------------------------------------------------------------------------------------------
 
+[[ $tests ]] && install_browser
 look
 [[ ${#missing[@]} -eq 0 ]] && exit 0
 for thing in "${missing[@]}"; do say "missing: $(reason "$thing")"; done

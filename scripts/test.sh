@@ -3,6 +3,7 @@
 #
 # REQUIRE_GPU=1 makes tests fail that would be skipped without a Vulkan device.
 # REQUIRE_SHARED=1 makes tests fail that would be skipped without the scenes and reference images in ../shared.
+# REQUIRE_BROWSER=1 makes tests fail that would be skipped without a browser, or without the page that it shows.
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -23,10 +24,26 @@ step() {
     printf '== took %d s\n' $((SECONDS - began))
 }
 
+# Pictures, shader functions and poses on a second driver, without ray queries and with other rounding: SwiftShader, which comes
+# with Debian's browser. Tests of ray queries skip there.
+second_driver() {
+    local driver=/usr/lib/chromium/vk_swiftshader_icd.json
+    [[ -r $driver ]] || { echo "skipped: $driver is not there"; return; }
+    REQUIRE_GPU=0 VK_DRIVER_FILES=$driver cargo test --locked --test raster --test animation -- analytic devices golden twins pose
+}
+
+# The page can be done without where its target cannot be installed; tests that need it are skipped then.
+build_page() {
+    scripts/web.sh --build || { [[ $? -eq 3 ]]; return; }
+    cargo clippy --locked --package lightsheaf-web --target wasm32-unknown-unknown -- -D warnings
+}
+
 step cargo fmt --all --check
-step cargo clippy --locked --all-targets -- -D warnings
+step cargo clippy --locked --workspace --all-targets -- -D warnings
+step build_page
 # The tests are built first, so that the time of each step tells compiler and tests apart.
 step cargo test --locked --no-run
 step cargo test --locked
+step second_driver
 RUSTDOCFLAGS="-D warnings" step cargo doc --locked --no-deps
 printf '\nAll passed in %d s.\n' "$SECONDS"
