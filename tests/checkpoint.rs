@@ -183,23 +183,3 @@ fn an_interrupted_render_goes_on_as_a_part() {
     let text = interrupted(&[&base[..], &["-o", &out, "--target-error", "1e-8"]].concat());
     assert!(text.contains("with --checkpoint SECONDS the next one can"), "{text}");
 }
-
-/// A full disk is an error at the end, and a warning before; the file that was there stays.
-#[test]
-fn a_full_disk_harms_nothing() {
-    let folder = Folder::new("full");
-    let out = folder.path("a.exr");
-    std::fs::write(&out, "before").unwrap();
-    // Files of more than 8 blocks of 512 bytes cannot be written: `ulimit -f` stands for a full disk.
-    let program = env!("CARGO_BIN_EXE_lightsheaf");
-    let render = format!(
-        "trap '' XFSZ; ulimit -f 8; exec {program} render builtin:cornell_area --method reference --size 200x150 \
-         --budget 2.5 --checkpoint 1 -o {out}"
-    );
-    let Output { status, stderr, .. } = Command::new("sh").args(["-c", &render]).output().unwrap();
-    let text = String::from_utf8(stderr).unwrap();
-    assert_eq!(status.code(), Some(2), "{text}");
-    assert!(text.contains("warning: no checkpoint was written: ") && text.contains("cannot be written"), "{text}");
-    assert!(text.lines().last().is_some_and(|line| line.contains("error: ") && line.contains("a.exr")), "{text}");
-    assert_eq!((folder.files(), folder.read("a.exr")), (vec!["a.exr".to_owned()], "before".to_owned()));
-}

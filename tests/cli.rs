@@ -151,6 +151,46 @@ fn bad_usage_and_scenes_are_one_error() {
     assert_eq!(folder.files(), ["broken.xml"]);
 }
 
+/// An image that does not fit the memory is an error with its size before it is decoded.
+#[cfg(target_os = "linux")]
+#[test]
+fn images_fit_the_memory_or_are_refused() {
+    let folder = Folder::new("memory");
+    let [scene, image, out] = ["scene.gltf", "image.bmp", "out.exr"].map(|name| folder.path(name));
+    // The head of a picture of 16000 x 16000 pixels with 24 bits each, 732 MiB. There are no pixels.
+    let word = |value: u32| value.to_le_bytes();
+    let head = [word(54), word(40), word(16_000), word(16_000), word(24 << 16 | 1), [0; 4], [0; 4]].concat();
+    std::fs::write(&image, [&b"BM"[..], &[0; 8], &head, &[0; 16]].concat()).unwrap();
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0_f32];
+    std::fs::write(folder.path("scene.bin"), corners.map(f32::to_le_bytes).concat()).unwrap();
+    let json = serde_json::json!({
+        "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+        "buffers": [{ "uri": "scene.bin", "byteLength": 60 }], "bufferViews": [{ "buffer": 0, "byteLength": 60 }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0] },
+            { "bufferView": 0, "byteOffset": 36, "componentType": 5126, "count": 3, "type": "VEC2" }
+        ],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "material": 0 }] }],
+        "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "textures": [{ "source": 0 }], "images": [{ "uri": "image.bmp" }],
+    });
+    std::fs::write(&scene, json.to_string()).unwrap();
+    let render = |limit: &str| {
+        let limited = format!("ulimit -v {limit}; exec \"$0\" \"$@\"");
+        let arguments = ["render", &scene, "-o", &out, "--size", "8x8", "--method", "reference", "--samples", "1"];
+        let command = [&["-c", &limited, env!("CARGO_BIN_EXE_lightsheaf")], &arguments[..]].concat();
+        let output = Command::new("sh").args(command).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{limit}: {}", stderr(&output));
+        stderr(&output).to_owned()
+    };
+    let refused = "the image of 16000 x 16000 pixels needs ";
+    let text = render("1000000");
+    assert!(text.contains(refused) && text.contains("MiB are free: use smaller images"), "{text}");
+    let text = render("unlimited");
+    assert!(text.contains("image.bmp") && !text.contains(refused), "canary, on a machine with 2 GiB free: {text}");
+    assert!(!std::path::Path::new(&out).exists());
+}
+
 #[test]
 fn bad_outputs_are_found_before_the_scene_is_loaded() {
     let folder = Folder::new("outputs");

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use common::folder::Folder;
 use lightsheaf::film::Film;
+use lightsheaf::film::exr::Picture;
 use serde_json::Value;
 
 mod common;
@@ -34,11 +35,16 @@ const CASES: [&[&str]; 8] = [
     &["builtin:cornell_point", "--method", "reference", "--target-error", "1e-8"],
 ];
 
-/// Starts a render and waits until it handles signals.
-fn start(arguments: &[&str]) -> Child {
+/// Starts a render.
+fn start_at_once(arguments: &[&str]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsheaf"));
     command.arg("render").args(arguments).env_remove("RUST_LOG").stderr(Stdio::piped());
-    let child = command.spawn().unwrap();
+    command.spawn().unwrap()
+}
+
+/// Starts a render and waits until it handles signals.
+fn start(arguments: &[&str]) -> Child {
+    let child = start_at_once(arguments);
     let status = format!("/proc/{}/status", child.id());
     if !Path::new("/proc/self/status").exists() {
         sleep(Duration::from_millis(500));
@@ -143,6 +149,62 @@ fn the_frame_that_is_begun_is_the_last() {
     assert_eq!(folder.files(), ["out_0003.exr", "stats_0003.json"], "{text}");
     std::fs::rename(folder.path("stats_0003.json"), &json).unwrap();
     check(&folder, &folder.path("out_0003.exr"), &text);
+}
+
+/// An animation that is killed goes on with the frames that are not complete, to the same pictures.
+#[test]
+fn an_animation_goes_on() {
+    let folder = Folder::new("goes-on");
+    let render = |name: &str, more: &[&str]| {
+        let (out, png) = (folder.path(&format!("{name}.exr")), folder.path(&format!("{name}.png")));
+        let base = ["builtin:sea", "--method", "reference", "--size", "32x24", "--samples", "8", "--bounces", "0"];
+        let frames = ["--frames", "0..3", "--fps", "2", "--aov", "motion,direct", "-o", &out, "-o", &png];
+        start_at_once(&[&base[..], &frames, more].concat())
+    };
+    let succeed = |name: &str, more: &[&str]| {
+        let (status, text) = wait(render(name, more));
+        assert!(status.success(), "{text}");
+        text
+    };
+    let again = ["--skip-existing"];
+    let mut child = render("a", &again);
+    while !Path::new(&folder.path("a_0001.png")).exists() {
+        sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    succeed("whole", &[]);
+    // The kill may have come late: the last frame is lost in any case, and another one is damaged.
+    let _ = std::fs::remove_file(folder.path("a_0003.exr"));
+    let damaged = folder.path("a_0001.exr");
+    let bytes = std::fs::read(&damaged).unwrap();
+    std::fs::write(&damaged, &bytes[..bytes.len() / 2]).unwrap();
+    let text = succeed("a", &again);
+    let kept = |text: &str| text.lines().filter(|line| line.contains("complete, and kept")).count();
+    assert!((1..=2).contains(&kept(&text)) && text.contains("a_0000.png: complete, and kept"), "{text}");
+    assert_eq!(kept(&succeed("a", &again)), 4);
+    for frame in 0..4 {
+        let read = |name: &str| Picture::load(folder.path(&format!("{name}_{frame:04}.exr"))).unwrap();
+        let (one, whole) = (read("a"), read("whole"));
+        assert!(one.film == whole.film && one.channels == whole.channels, "frame {frame}");
+        let png = |name: &str| std::fs::read(folder.path(&format!("{name}_{frame:04}.png"))).unwrap();
+        assert!(png("a") == png("whole"), "frame {frame}: the exposure is that of the first one");
+    }
+    // Frames that another command made are not kept.
+    for more in [["--seed", "7"], ["--env-rotate", "9"], ["--aov", "id"]] {
+        succeed("whole", &[]);
+        assert_eq!(kept(&succeed("whole", &[&again[..], &more].concat())), 0, "{more:?}");
+    }
+    let refused = |more: &[&str], what: &str| {
+        let out = folder.path("b.exr");
+        let base = ["builtin:sea", "-o", &out, "--skip-existing"];
+        let (status, text) = wait(start_at_once(&[&base[..], more].concat()));
+        assert!(status.code() == Some(2) && text.contains(what), "{text}");
+    };
+    refused(&["--samples", "1"], "is for --frames and --turntable");
+    refused(&["--turntable", "2", "--budget", "1"], "give --samples");
+    refused(&["--turntable", "2", "--samples", "1", "--history", "2"], "frames with --history");
+    assert!(!folder.files().iter().any(|name| name.starts_with('b')), "{:?}", folder.files());
 }
 
 #[test]

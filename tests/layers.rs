@@ -4,6 +4,7 @@ use std::process::{Command, Output};
 
 use common::folder::Folder;
 use glam::Vec3;
+use lightsheaf::film::Film;
 use lightsheaf::film::cryptomatte::identifier;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::film::oidn::{self, DenoiseError};
@@ -24,7 +25,10 @@ const METHODS: [&[&str]; 7] = [
     &["--method", "path"],
 ];
 
-const ALL: &str = "albedo,normal,depth,position,emission,id";
+const ALL: &str = "albedo,normal,depth,position,motion,id";
+
+/// Layers that sum to the picture.
+const LIGHT: [&str; 3] = ["emission", "direct", "indirect"];
 
 fn run(arguments: &[&str]) -> (Option<i32>, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lightsheaf"));
@@ -84,8 +88,10 @@ fn all_methods_write_what_the_reference_sees() {
             let view = scene.cameras[0].world_from_camera.inverse().transform_point3(position);
             assert!((picture.channel("depth.Z").unwrap()[pixel] + view.z).abs() < 1e-4, "{method:?}");
         }
-        let lamp = picture.channel("emission.R").unwrap().iter().filter(|&&value| value > 1.0).count();
-        assert!(lamp > 2 && lamp < 200, "{method:?}: {lamp} pixels show the lamp");
+        assert!(["X", "Y"].iter().all(|axis| {
+            let motion = picture.channel(&format!("motion.{axis}")).unwrap();
+            motion.iter().all(|&pixels| pixels == 0.0)
+        }));
         // Light differs from method to method; layers do not.
         if let Some(first) = &first {
             assert_eq!((&first.channels, &first.attributes), (&picture.channels, &picture.attributes), "{method:?}");
@@ -127,7 +133,10 @@ fn coverage_leaves_the_environment_out() {
     let base = ["render", "builtin:cornell_area", "-o", &png];
     fail(&[&base[..], &["--transparent"]].concat(), "--transparent: only an .exr");
     fail(&[&base[..], &["--aov", "depth"]].concat(), "--aov: layers are written to an .exr");
-    fail(&[&base[..], &["--aov", "motion"]].concat(), "albedo, normal, depth, position, emission, id");
+    fail(&[&base[..], &["--aov", "motions"]].concat(), "albedo, normal, depth, position, motion, emission, direct");
+    let exr = folder.path("a.exr");
+    let history = ["render", "builtin:cornell_area", "-o", &exr, "--history", "4", "--aov", "direct"];
+    fail(&history, "leave --history out");
 }
 
 /// Layers are kept when parts are merged.
@@ -144,6 +153,124 @@ fn merged_parts_keep_their_layers() {
     assert_eq!(run(&["merge", &a, &b, "-o", &out]).0, Some(0));
     let [a, out] = [&a, &out].map(|path| Picture::load(path).unwrap());
     assert!(a.channels == out.channels && a.attributes == out.attributes && a.film != out.film);
+}
+
+/// Returns a layer of light.
+fn light(picture: &Picture, layer: &str) -> Film {
+    let names = ["R", "G", "B"].map(|axis| format!("{layer}.{axis}"));
+    let pixels = (0..picture.film.pixels.len())
+        .map(|pixel| vector(picture, names.each_ref().map(String::as_str), pixel).to_array())
+        .collect();
+    Film { pixels, ..picture.film }
+}
+
+/// Emission, direct and indirect light sum to the picture, which is the one without layers, in every method.
+#[test]
+fn the_parts_of_light_are_the_picture() {
+    if common::gpu().is_none() || common::gpu_with_ray_queries().is_none() {
+        return;
+    }
+    let folder = Folder::new("light");
+    let resampled: [&[&str]; 2] = [
+        &["--method", "path", "--light-sampling", "ris"],
+        &["--method", "path", "--bounces", "unlimited", "--light-sampling", "restir"],
+    ];
+    let vpls: &[&str] = &["--method", "shared", "--light-sampling", "restir"];
+    let layers = ["--aov", "emission,direct,indirect,depth"];
+    for (scene, method) in METHODS
+        .into_iter()
+        .chain(resampled)
+        .chain([vpls])
+        .flat_map(|method| [("builtin:cornell_area", method), ("builtin:cornell_mirrors", method)])
+    {
+        let plain = rendered(&folder, scene, method);
+        let with = rendered(&folder, scene, &[method, &layers].concat());
+        assert!(plain.film == with.film, "{scene} {method:?}: layers change the picture");
+        let parts = LIGHT.map(|layer| light(&with, layer));
+        let most = with.film.pixels.iter().flatten().copied().fold(0.0, f32::max);
+        for (pixel, value) in with.film.pixels.iter().enumerate() {
+            let sum: [f32; 3] = std::array::from_fn(|c| parts.iter().map(|part| part.pixels[pixel][c]).sum());
+            let near = |c: usize| (sum[c] - value[c]).abs() <= 1e-6 * (most + value[c].abs());
+            assert!((0..3).all(near), "{scene} {method:?}: {sum:?} is not {value:?}");
+        }
+        let lit = |part: &Film| part.pixels.iter().filter(|pixel| pixel[1].abs() > 1e-4).count();
+        let [lamp, direct, indirect] = [0, 1, 2].map(|n| lit(&parts[n]));
+        assert!(lamp > 2 && lamp < 200 && direct > 200 && indirect > 200, "{method:?}: {lamp} {direct} {indirect}");
+        // The parts have the random numbers of the picture, so that they are parts of each sample.
+        let least = parts.iter().flat_map(|part| part.pixels.iter().flatten()).copied().fold(0.0, f32::min);
+        assert!(least >= -1e-5 * most, "{scene} {method:?}: {least}");
+    }
+}
+
+/// Direct light of every method is that of the reference.
+#[test]
+fn direct_light_is_that_of_the_reference() {
+    if common::gpu().is_none() || common::gpu_with_ray_queries().is_none() {
+        return;
+    }
+    let folder = Folder::new("direct");
+    let picture = |method: &[&str], samples: &str| {
+        let out = folder.path("a.exr");
+        let base = ["render", "builtin:cornell_area", "-o", &out, "--size", "32x24", "-q", "--samples", samples];
+        let (code, text) = run(&[&base, method, &["--aov", "emission,direct,indirect"]].concat());
+        assert_eq!(code, Some(0), "{method:?}: {text}");
+        Picture::load(&out).unwrap()
+    };
+    let mean = |film: &Film| film.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (32.0 * 24.0 * 3.0);
+    let truth = picture(&["--method", "reference"], "512");
+    let truths = LIGHT.map(|layer| light(&truth, layer));
+    // The lamp is a matter of a few pixels, and emission outshines all other light.
+    for method in METHODS {
+        let parts = LIGHT.map(|layer| light(&picture(method, "64"), layer));
+        for (n, tolerance) in [(0, 0.05), (1, 0.02), (2, 0.06)] {
+            let (own, expected) = (mean(&parts[n]), mean(&truths[n]));
+            println!("{method:?} {}: {own} of {expected}", LIGHT[n]);
+            assert!((own / expected - 1.0).abs() < tolerance, "{method:?} {}: {own}, not {expected}", LIGHT[n]);
+        }
+        let error = |n: usize| compare(&parts[n], &truths[1]).unwrap().rel_mse;
+        println!("{method:?}: rel_mse {} of direct light, {} of indirect light against it", error(1), error(2));
+        assert!(error(1) < 0.02 && error(2) > 0.08, "{method:?}: {} and {}", error(1), error(2));
+    }
+}
+
+/// Without the sky behind the scene, the parts sum to what is left.
+#[test]
+fn the_parts_of_light_leave_the_environment_out() {
+    let folder = Folder::new("sky");
+    let camera = ["--eye", "1,1,9", "--target", "0,1,0", "--fov", "60"];
+    let layers = ["--method", "reference", "--env", "studio", "--aov", "emission,direct,indirect"];
+    for transparent in [false, true] {
+        let more = [&layers[..], &camera, if transparent { &["--transparent"] } else { &[] }].concat();
+        let picture = rendered(&folder, "builtin:single_triangle", &more);
+        let parts = LIGHT.map(|layer| light(&picture, layer));
+        let (alpha, mut sky) = (picture.channel("A").unwrap(), 0);
+        for (pixel, value) in picture.film.pixels.iter().enumerate() {
+            let sum: f32 = parts.iter().map(|part| part.pixels[pixel][1]).sum();
+            assert!((sum - value[1]).abs() < 1e-4, "{sum} is not {}", value[1]);
+            // At edges, rays of the coverage and samples of the picture differ.
+            sky += usize::from((alpha[pixel] == 0.0 || alpha[pixel] == 1.0) && parts[0].pixels[pixel][1] > 0.01);
+        }
+        assert!(if transparent { sky == 0 } else { sky > 50 }, "{transparent}: {sky} pixels show the sky");
+    }
+}
+
+/// In an animation, motion is that since the frame before; the first frame has none.
+#[test]
+fn frames_have_motion() {
+    let folder = Folder::new("motion");
+    let out = folder.path("a.exr");
+    let base = ["render", "builtin:cornell_spheres", "-o", &out, "--size", "32x24", "--samples", "1", "-q"];
+    let (code, text) =
+        run(&[&base[..], &["--method", "reference", "--turntable", "3", "--aov", "motion,direct"]].concat());
+    assert_eq!(code, Some(0), "{text}");
+    let frame = |n: u32| Picture::load(folder.path(&format!("a_{n:04}.exr"))).unwrap();
+    let length = |picture: &Picture| {
+        let [x, y] = ["motion.X", "motion.Y"].map(|name| picture.channel(name).unwrap());
+        x.iter().zip(y).map(|(x, y)| x.hypot(*y)).fold(0.0, f32::max)
+    };
+    assert_eq!(length(&frame(0)), 0.0);
+    assert!((1..3).all(|n| length(&frame(n)) > 1.0));
+    assert!(frame(0).channel("direct.R") != frame(1).channel("direct.R"), "light is that of the frame");
 }
 
 /// Without the library one line says how to get it, before anything is rendered.

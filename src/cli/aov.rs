@@ -1,4 +1,4 @@
-//! What `render` writes beside light: coverage, AOVs, and the denoised picture.
+//! What `render` writes beside the picture: coverage, AOVs, parts of the light, and the denoised picture.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use lightsheaf::film::oidn::{self, Guides};
 use lightsheaf::reference::aov::Aovs;
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::Scene;
-use lightsheaf::settings::Settings;
+use lightsheaf::settings::{OnlyStrategy, Settings, Technique};
 
 /// Rays per pixel.
 const RAYS: u32 = 32;
@@ -30,8 +30,15 @@ pub enum Aov {
     Depth,
     /// Position in world space at the pixel's centre in metres
     Position,
-    /// Radiance that seen surfaces emit, mean over the pixel
+    /// Pixels by which what is at the pixel's centre has moved since the frame before of --frames or --turntable,
+    /// X to the right and Y up; zero without one
+    Motion,
+    /// Light that comes without being scattered: what the camera sees emit, and the sky behind the scene
     Emission,
+    /// Light that was scattered once
+    Direct,
+    /// Light that was scattered more than once
+    Indirect,
     /// Objects and materials with their coverage, as Cryptomatte
     Id,
 }
@@ -39,8 +46,8 @@ pub enum Aov {
 /// Options of `render` about layers.
 #[derive(Clone, clap::Args)]
 pub struct LayerArgs {
-    /// Layers of the .exr beside R, G, B and A, separated by commas. They are the same for all methods, and
-    /// without noise of light
+    /// Layers of the .exr beside R, G, B and A, separated by commas. The sum of emission, direct and indirect is
+    /// the picture; the others are the same for all methods, and without noise of light
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = LAYERS)]
     pub aov: Vec<Aov>,
     /// Leave the environment behind the scene out of the .exr; A says how much of a pixel is covered
@@ -64,6 +71,11 @@ impl LayerArgs {
         !self.aov.is_empty() || self.transparent || self.denoise
     }
 
+    /// True if a layer is a part of the light.
+    pub fn splits_light(&self) -> bool {
+        self.aov.iter().any(|aov| aov.is_light())
+    }
+
     /// Checks that there is an .exr for the layers.
     pub fn check(&self, has_exr: bool, has_png: bool) -> Result<()> {
         if !self.aov.is_empty() && !has_exr {
@@ -79,18 +91,76 @@ impl LayerArgs {
         Ok(())
     }
 
-    /// Traces the rays of the layers, if there are any.
-    pub fn trace(&self, scene: &Scene, settings: &Settings) -> Option<Aovs> {
+    /// True if a picture has these layers, and is denoised and without the sky as asked for.
+    pub fn are_in(&self, picture: &Picture) -> bool {
+        let has = |start: &str| picture.channels.iter().any(|channel| channel.name.starts_with(start));
+        let first = |aov: &Aov| match aov {
+            Aov::Albedo => "albedo.",
+            Aov::Normal => "normal.",
+            Aov::Depth => "depth.",
+            Aov::Position => "position.",
+            Aov::Motion => "motion.",
+            Aov::Emission => "emission.",
+            Aov::Direct => "direct.",
+            Aov::Indirect => "indirect.",
+            Aov::Id => "CryptoObject",
+        };
+        // Only the command says whether the sky was taken out.
+        let command = picture.record.as_ref().map_or("", |record| &record.command);
+        self.aov.iter().all(|aov| has(first(aov)))
+            && self.denoise == has("noisy.")
+            && self.transparent == command.contains("--transparent")
+    }
+
+    /// Traces the rays of the layers, if there are any. `before` is the scene in the frame before.
+    pub fn trace(&self, scene: &Scene, before: Option<&Scene>, settings: &Settings) -> Option<Aovs> {
         let Settings { width, height, camera, .. } = *settings;
         let region = settings.region();
         let settings = ReferenceSettings { width, height, samples: RAYS, bounces: None, seed: 0, camera };
-        self.any().then(|| Reference::new(scene).aovs_within(&settings, region))
+        self.any().then(|| Reference::new(scene).aovs_within(&settings, region, before))
     }
 
-    /// Returns the picture with its layers.
-    pub fn picture(&self, film: &Film, scene: &Scene, aovs: Option<&Aovs>) -> Result<Picture> {
+    /// Returns the picture with its layers, without those of light if that is not known.
+    pub fn picture(
+        &self,
+        film: &Film,
+        scene: &Scene,
+        aovs: Option<&Aovs>,
+        light: Option<&SplitLight>,
+    ) -> Result<Picture> {
         let mut picture = Picture { film: film.clone(), ..Picture::default() };
-        let Some(aovs) = aovs else { return Ok(picture) };
+        if let Some(aovs) = aovs {
+            self.add_traced(&mut picture, film, scene, aovs)?;
+        }
+        if let Some(light) = light {
+            // Denoising is not linear: what it changes belongs to no part.
+            let shown = if self.denoise { film.clone() } else { picture.film.clone() };
+            self.add_light(&mut picture, &shown, film, light);
+        }
+        Ok(picture)
+    }
+
+    /// Adds the parts of the light, which sum to `shown`: `film` as it is, or without the sky behind the scene.
+    fn add_light(&self, picture: &mut Picture, shown: &Film, film: &Film, light: &SplitLight) {
+        let minus = |a: &Film, b: &Film| -> Vec<[f32; 3]> {
+            a.pixels.iter().zip(&b.pixels).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect()
+        };
+        let SplitLight { once, seen } = light;
+        for aov in &self.aov {
+            picture.channels.extend(match aov {
+                Aov::Emission => {
+                    let sky = Film { pixels: minus(film, shown), ..*film };
+                    three(["emission.R", "emission.G", "emission.B"], &minus(seen, &sky))
+                }
+                Aov::Direct => three(["direct.R", "direct.G", "direct.B"], &minus(once, seen)),
+                Aov::Indirect => three(["indirect.R", "indirect.G", "indirect.B"], &minus(film, once)),
+                _ => continue,
+            });
+        }
+    }
+
+    /// Denoises the picture, takes the sky out of it, and adds the layers that were traced.
+    fn add_traced(&self, picture: &mut Picture, film: &Film, scene: &Scene, aovs: &Aovs) -> Result<()> {
         if self.denoise {
             let guides = Guides { albedo: &aovs.albedo, normal: &aovs.normal };
             picture.film = oidn::denoise(film, Some(guides), self.oidn.as_deref())?;
@@ -110,13 +180,56 @@ impl LayerArgs {
                 Aov::Position => {
                     picture.channels.extend(three(["position.X", "position.Y", "position.Z"], &aovs.position));
                 }
-                Aov::Emission => {
-                    picture.channels.extend(three(["emission.R", "emission.G", "emission.B"], &aovs.emission));
+                Aov::Motion => {
+                    let axis = |name: &str, axis: usize| Channel {
+                        name: name.to_owned(),
+                        values: aovs.motion.iter().map(|pixels| pixels[axis]).collect(),
+                    };
+                    picture.channels.extend([axis("motion.X", 0), axis("motion.Y", 1)]);
                 }
-                Aov::Id => add_identifiers(&mut picture, scene, aovs),
+                Aov::Id => add_identifiers(picture, scene, aovs),
+                Aov::Emission | Aov::Direct | Aov::Indirect => {}
             }
         }
-        Ok(picture)
+        Ok(())
+    }
+}
+
+impl Aov {
+    /// True for parts of the light, which are rendered by the method of the picture.
+    fn is_light(self) -> bool {
+        matches!(self, Self::Emission | Self::Direct | Self::Indirect)
+    }
+}
+
+/// The picture of light that was scattered at most once, with the samples of the picture, and the part of it that
+/// was not scattered. What the picture has more was scattered more than once.
+pub struct SplitLight {
+    once: Film,
+    seen: Film,
+}
+
+impl SplitLight {
+    /// Renders the two pictures. `render` makes one of all strategies, or of one; it returns none if it was
+    /// interrupted.
+    pub fn new<E>(
+        technique: Technique,
+        render: &mut dyn FnMut(Option<OnlyStrategy>) -> Result<Option<Film>, E>,
+    ) -> Result<Option<Self>, E> {
+        let Some(once) = render(None)? else { return Ok(None) };
+        let mut seen = Film::new(once.width, once.height);
+        // Emission is hit from the camera, and in some methods also connected with the camera.
+        for s in (0..=1).filter(|&s| s == 0 || technique.has_strategy(s, 2 - s)) {
+            let Some(film) = render(Some(OnlyStrategy { s, t: 2 - s, weighted: true }))? else { return Ok(None) };
+            let sums = seen.pixels.iter_mut().flatten().zip(film.pixels.iter().flatten());
+            sums.for_each(|(sum, value)| *sum += value);
+        }
+        Ok(Some(Self { once, seen }))
+    }
+
+    /// Returns the settings of light that is scattered at most once.
+    pub fn settings(settings: &Settings) -> Settings {
+        Settings { bounces: 0, target_error: None, budget: None, ..settings.clone() }
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
+use lightsheaf::film;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::film::oidn::{self, Guides};
 
@@ -27,7 +28,7 @@ pub struct DenoiseArgs {
 pub fn run(args: &DenoiseArgs) -> Result<()> {
     output::check(&args.output, &["exr"])?;
     let shown = args.input.display();
-    if args.input.extension().is_none_or(|e| !e.eq_ignore_ascii_case("exr")) {
+    if !film::has_extension(&args.input, "exr") {
         bail!("{shown}: is no .exr; give linear radiance, since .png is clipped");
     }
     let mut picture = Picture::load(&args.input)?;

@@ -10,7 +10,7 @@ use lightsheaf::render::renderer::BatchSize;
 use lightsheaf::render::state::RenderState;
 use lightsheaf::render::{RenderError, RenderStats, Renderer};
 use lightsheaf::scene::Scene;
-use lightsheaf::settings::{Settings, UNLIMITED};
+use lightsheaf::settings::{OnlyStrategy, Settings, UNLIMITED};
 
 /// Progressive renderer of the CPU reference.
 pub struct ReferenceRenderer<'s> {
@@ -31,6 +31,13 @@ impl<'s> ReferenceRenderer<'s> {
         let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
         let rounds = Rounds::starting_at(settings, region, 0);
         Self { reference: Reference::new(scene), settings, region, rounds, batch_size: BatchSize::default() }
+    }
+
+    /// Turns to a picture of light that is scattered at most once, without samples.
+    pub fn of_direct_light(mut self) -> Self {
+        self.settings.bounces = Some(0);
+        self.restart(self.settings.seed);
+        self
     }
 
     /// Returns the number of the next sample.
@@ -86,6 +93,16 @@ impl Renderer for ReferenceRenderer<'_> {
         let range = state.first as u32..state.next as u32;
         self.rounds = Rounds::from_sums(self.settings, self.region, range, sums).ok_or_else(foreign)?;
         self.rounds.non_finite = state.non_finite;
+        Ok(())
+    }
+
+    /// Of strategies, the reference has what the camera sees emit: (0, 2).
+    fn set_only(&mut self, only: Option<OnlyStrategy>) -> Result<(), RenderError> {
+        if only.is_some_and(|only| (only.s, only.t) != (0, 2)) {
+            return Err(RenderError::Setting("the reference has no strategies; use another method".to_owned()));
+        }
+        self.reference.scatter(only.is_none());
+        self.restart(self.settings.seed);
         Ok(())
     }
 

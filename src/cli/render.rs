@@ -2,7 +2,7 @@
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -10,9 +10,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 
 use lightsheaf::crop::Crop;
-use lightsheaf::film::Film;
 use lightsheaf::film::exr::{Picture, Window};
 use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::film::{Film, has_extension};
 use lightsheaf::gpu::{Gpu, GpuError, PassTime};
 use lightsheaf::reference::aov::Aovs;
 use lightsheaf::render::convergence::Convergence;
@@ -23,7 +23,7 @@ use lightsheaf::scene::{Geometry, Scene};
 use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
-use super::aov::LayerArgs;
+use super::aov::{LayerArgs, SplitLight};
 use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
 use super::output;
@@ -97,6 +97,10 @@ pub struct RenderArgs {
     /// so on, as does the file of --stats
     #[arg(long, value_name = "A..B", value_parser = parse_frames, requires = "fps", conflicts_with_all = ["at", "strategy_images"], help_heading = ANIMATION)]
     frames: Option<(u32, u32)>,
+    /// Leave out frames and views whose files are complete: of the same scene, settings, layers and version, with all
+    /// samples. Needs --samples and an .exr. So an animation that was cut off goes on
+    #[arg(long, help_heading = ANIMATION)]
+    skip_existing: bool,
     /// Frames per second, 0.001 to 10000. Frame N is at N / FPS seconds
     #[arg(long, value_name = "N", allow_negative_numbers = true, requires = "frames", help_heading = ANIMATION)]
     fps: Option<f64>,
@@ -119,7 +123,7 @@ pub struct RenderArgs {
 impl RenderArgs {
     /// True if an output file is a .png.
     fn writes_png(&self) -> bool {
-        self.output.iter().any(|path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")))
+        self.output.iter().any(|path| has_extension(path, "png"))
     }
 
     /// Returns the name of the picture in a viewer.
@@ -300,18 +304,22 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
                 load,
                 began,
                 scene,
+                before: None,
                 settings,
                 animations,
                 frame: None,
                 all: 1,
                 kept,
             };
-            job.run(gpu.as_ref(), &mut None)?;
+            job.run(gpu.as_ref(), &mut Renderers::default())?;
             device.replace(gpu);
             Ok(())
         });
     }
     let (loaded, mut settings) = args.view.open()?;
+    if args.skip_existing {
+        check_skipping(args, &settings)?;
+    }
     let animations = view::animations(&loaded);
     let loaded = if args.turntable.is_some() { args.view.pose(loaded)? } else { loaded };
     let about = args.turntable.map(|_| args.view.target.unwrap_or_else(|| centre(&loaded)));
@@ -330,23 +338,26 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
     let mut load = began.elapsed().as_secs_f64();
     let mut began = Instant::now();
     let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
-    let (mut renderer, mut scene, all) = (None, first, frames.len());
+    let (mut renderers, mut scene, mut before, all) = (Renderers::default(), first, None, frames.len());
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
             break;
         }
         if n > 0 {
             let posing = Instant::now();
-            scene = complete(frame, &mut settings)?;
+            before = Some(std::mem::replace(&mut scene, complete(frame, &mut settings)?));
             load = posing.elapsed().as_secs_f64();
             began = Instant::now();
         }
-        let (scene, settings, animations) = (&scene, &settings, &animations);
+        let (scene, before, settings, animations) = (&scene, before.as_ref(), &settings, &animations);
         let (grade, kept, frame) = (&grade, &Kept::default(), Some(frame));
-        let job = Job { args, interrupt, grade, preview, load, began, scene, settings, animations, frame, all, kept };
-        job.run(gpu.as_ref(), &mut renderer)?;
+        let job =
+            Job { args, interrupt, grade, preview, load, began, scene, before, settings, animations, frame, all, kept };
+        if !(args.skip_existing && job.skip()) {
+            job.run(gpu.as_ref(), &mut renderers)?;
+        }
     }
-    drop(renderer);
+    drop(renderers);
     device.replace(gpu);
     Ok(())
 }
@@ -427,7 +438,17 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     if let Some(stats) = &args.stats {
         output::check(stats, &["json"])?;
     }
-    args.layers.check(args.output.iter().any(|path| is_exr(path)), args.writes_png())?;
+    if args.skip_existing && args.frames.is_none() && args.turntable.is_none() {
+        bail!(
+            "--skip-existing: is for --frames and --turntable; a single picture goes on by --checkpoint and --resume"
+        );
+    }
+    args.layers.check(args.output.iter().any(|path| has_extension(path, "exr")), args.writes_png())?;
+    if args.layers.splits_light() && args.view.settings.history > 0 {
+        bail!(
+            "--aov emission, direct and indirect: need frames that do not depend on those before; leave --history out"
+        );
+    }
     if let Some(seconds) = args.checkpoint {
         if !CHECKPOINTS.contains(&seconds) {
             bail!("--checkpoint {seconds}: has to be {} to {} seconds", CHECKPOINTS.start(), CHECKPOINTS.end());
@@ -442,6 +463,20 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
         if given && !args.writes_png() {
             bail!("{option}: {} holds linear radiance; write a .png, or omit the option", args.output[0].display());
         }
+    }
+    Ok(())
+}
+
+/// Checks that files tell which frames are complete.
+fn check_skipping(args: &RenderArgs, settings: &Settings) -> Result<()> {
+    if !args.output.iter().any(|path| has_extension(path, "exr")) {
+        bail!("--skip-existing: only an .exr says how it was made; give one by -o");
+    }
+    if settings.target_error.is_some() || settings.budget.is_some() {
+        bail!("--skip-existing: files do not say whether they reached an error or a time; give --samples");
+    }
+    if settings.history > 0 {
+        bail!("--skip-existing: frames with --history depend on those before; leave one of the two out");
     }
     Ok(())
 }
@@ -469,6 +504,8 @@ struct Job<'a> {
     /// Start of the setup.
     began: Instant,
     scene: &'a Scene,
+    /// The scene in the frame before, if there is one.
+    before: Option<&'a Scene>,
     settings: &'a Settings,
     animations: &'a [String],
     /// Frame of the animation, with `--frames`.
@@ -485,30 +522,105 @@ struct Kept {
     saved: RefCell<Option<Saved>>,
     scene_hash: OnceCell<String>,
     aovs: OnceCell<Option<Aovs>>,
+    light: RefCell<Option<SplitLight>>,
+}
+
+/// The renderers of the pictures of an animation.
+#[derive(Default)]
+struct Renderers<'gpu> {
+    picture: Option<Box<dyn Renderer + 'gpu>>,
+    /// Renders light that is scattered at most once, if layers need it.
+    light: Option<Box<dyn Renderer + 'gpu>>,
 }
 
 impl Job<'_> {
-    /// Renders and writes the picture; without a device, by the reference. `renderer` is reused from frame to
+    /// Renders and writes the picture; without a device, by the reference. The renderers are reused from frame to
     /// frame.
-    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderer: &mut Option<Box<dyn Renderer + 'gpu>>) -> Result<()> {
+    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderers: &mut Renderers<'gpu>) -> Result<()> {
         let Some(gpu) = gpu else { return self.reference() };
-        let renderer = match renderer {
-            Some(renderer) => {
-                renderer.pose(self.scene)?;
-                renderer
-            }
-            None => renderer.insert(render::open(gpu, self.scene, self.settings)?),
-        };
+        let renderer = self.posed(gpu, &mut renderers.picture, self.settings)?;
         let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };
         let samples = stats.samples;
+        if self.args.layers.splits_light() {
+            let (settings, end) = (renderer.aligned(SplitLight::settings(self.settings)), renderer.samples());
+            let light = self.posed(gpu, &mut renderers.light, &settings)?;
+            self.split_light(end - samples..end, light.as_mut())?;
+        }
         self.finish(&film, stats, reporter)?;
         self.strategy_images(&mut |only| {
             renderer.set_only(Some(only))?;
             renderer.render(samples, &mut |_| !self.interrupt.requested())?;
             renderer.film()
         })
+    }
+
+    /// Keeps the files of the picture if they are complete, and takes the exposure over. False if they are not.
+    fn skip(&self) -> bool {
+        let files = self.files();
+        let stats = self.args.stats.iter().map(|path| self.named(path));
+        if !files.iter().cloned().chain(stats).all(|path| path.exists()) {
+            return false;
+        }
+        let picture = files.iter().find(|path| has_extension(path, "exr")).and_then(|path| Picture::load(path).ok());
+        let Some(picture) = picture.filter(|picture| self.is_complete(picture)) else { return false };
+        let (exposure, tonemap) = self.args.grade.chosen();
+        self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
+        if !self.args.quiet {
+            let shown: Vec<_> = files.iter().map(|path| path.display().to_string()).collect();
+            eprintln!("{}: complete, and kept", shown.join(", "));
+        }
+        self.reporter().end("existing", picture.record.map_or(0, |record| record.samples), 0.0);
+        true
+    }
+
+    /// True if a picture is the one that this render would write.
+    fn is_complete(&self, picture: &Picture) -> bool {
+        let Some(record) = &picture.record else { return false };
+        let all = u64::from(self.settings.samples);
+        let range = self.args.sample_range.unwrap_or(SampleRange { first: 1, last: all });
+        record.version == env!("CARGO_PKG_VERSION")
+            && record.ranges == [range]
+            && fingerprint::is_text_of(&record.settings, self.settings)
+            && self.args.layers.are_in(picture)
+            && record.scene_hash == self.scene_hash()
+    }
+
+    /// Returns the renderer of another frame in this pose, or opens one.
+    fn posed<'r, 'gpu>(
+        &self,
+        gpu: &'gpu Gpu,
+        renderer: &'r mut Option<Box<dyn Renderer + 'gpu>>,
+        settings: &Settings,
+    ) -> Result<&'r mut Box<dyn Renderer + 'gpu>, RenderError> {
+        if let Some(renderer) = renderer {
+            renderer.pose(self.scene)?;
+        }
+        match renderer {
+            Some(renderer) => Ok(renderer),
+            None => Ok(renderer.insert(render::open(gpu, self.scene, settings)?)),
+        }
+    }
+
+    /// Renders the parts of the light with the samples of the picture, which are numbered from 0. A signal leaves them
+    /// out.
+    fn split_light(&self, samples: Range<u64>, renderer: &mut dyn Renderer) -> Result<(), RenderError> {
+        let bar = self.reporter();
+        bar.count("direct light", 0, 1);
+        let light = SplitLight::new(self.settings.technique, &mut |only| {
+            renderer.set_only(only)?;
+            if samples.start > 0 {
+                renderer.begin_at(samples.start)?;
+            }
+            renderer.render(samples.end - samples.start, &mut |_| !self.interrupt.requested())?;
+            if renderer.samples() < samples.end { Ok(None) } else { renderer.film().map(Some) }
+        })?;
+        if light.is_none() {
+            eprintln!("note: the layers emission, direct and indirect are left out, since they were interrupted");
+        }
+        *self.kept.light.borrow_mut() = light;
+        Ok(())
     }
 
     /// Writes the image of each strategy of the method, with as many samples as the picture. A signal ends
@@ -565,11 +677,12 @@ impl Job<'_> {
         progress.close(ended_by)?;
         let region = self.settings.region();
         let all = progress.samples * u64::from(region.width) * u64::from(region.height);
-        let RenderStats { samples, bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
+        let RenderStats { bytes, scene_bytes, tracer_bytes, non_finite, lost_nodes, redone, passes, .. } =
             progress.renderer.stats();
         let stats = Stats {
             device: device_name(gpu),
-            samples,
+            // A filtered frame continues the samples of the one before, which are not its own.
+            samples: progress.samples,
             ended_by,
             estimated_error: progress.target.and(progress.convergence.as_ref()).and_then(Convergence::error),
             taken: progress.target.map(|_| progress.taken as f64 / all.max(1) as f64),
@@ -599,7 +712,12 @@ impl Job<'_> {
     fn reference(&self) -> Result<()> {
         let mut renderer = ReferenceRenderer::new(self.scene, self.settings);
         let (film, stats, reporter) = self.progressive(None, &mut renderer)?;
-        self.finish(&film, Stats { rays: renderer.rounds.rays, ..stats }, reporter)
+        let stats = Stats { rays: renderer.rounds.rays, ..stats };
+        if self.args.layers.splits_light() {
+            let end = renderer.samples();
+            self.split_light(end - stats.samples..end, &mut renderer.of_direct_light())?;
+        }
+        self.finish(&film, stats, reporter)
     }
 
     /// Returns the statistics that are known before the render.
@@ -635,10 +753,14 @@ impl Job<'_> {
         }
     }
 
+    /// Returns the name of a file of the frame.
+    fn named(&self, path: &Path) -> PathBuf {
+        self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number))
+    }
+
     /// Returns the files of the picture.
     fn files(&self) -> Vec<PathBuf> {
-        let named = |path: &PathBuf| self.frame.map_or_else(|| path.clone(), |frame| numbered(path, frame.number));
-        self.args.output.iter().map(named).collect()
+        self.args.output.iter().map(|path| self.named(path)).collect()
     }
 
     /// Returns what shows the progress.
@@ -676,7 +798,6 @@ impl Job<'_> {
                 stats.non_finite
             );
         }
-        let named = |path: &Path| self.frame.map_or_else(|| path.to_owned(), |frame| numbered(path, frame.number));
         let paths = self.files();
         let (exposure, tonemap) = self.args.grade.chosen();
         let picture = self.picture(film)?;
@@ -684,7 +805,7 @@ impl Job<'_> {
         // Hashing a large scene takes seconds, and only an .exr holds the record.
         let record = paths
             .iter()
-            .any(|path| is_exr(path))
+            .any(|path| has_extension(path, "exr"))
             .then(|| self.record(stats.plan.as_ref(), stats.samples, stats.seconds.render, stats.device.clone()));
         let picture = Picture { record, ..picture };
         for path in &paths {
@@ -694,7 +815,7 @@ impl Job<'_> {
             (stats.exposure_stops, stats.tonemap) = (Some(grade.stops), Some(grade.tonemap));
         }
         if let Some(path) = &self.args.stats {
-            output::write(&named(path), &(serde_json::to_string_pretty(&stats)? + "\n"))?;
+            output::write(&self.named(path), &(serde_json::to_string_pretty(&stats)? + "\n"))?;
         }
         if !self.args.quiet {
             let Seconds { load, setup, render } = stats.seconds;
@@ -732,7 +853,9 @@ impl Job<'_> {
     fn how_to_go_on(&self, samples: u64) -> String {
         let Settings { samples: all, target_error, budget, history, .. } = *self.settings;
         let first = self.args.sample_range.map_or(1, |range| range.first);
-        let parts = self.args.output.iter().any(|path| is_exr(path)) && history == 0;
+        let has_exr = self.args.output.iter().any(|path| has_extension(path, "exr"));
+        // An interrupted picture lacks the parts of the light, and would not merge with the rest.
+        let parts = has_exr && history == 0 && !self.args.layers.splits_light();
         if self.args.checkpoint.is_some() {
             let path = checkpoint::path_of(&self.args.output[0]);
             format!("to go on, give the same command with --resume {}", path.display())
@@ -751,10 +874,11 @@ impl Job<'_> {
 
     /// Returns the picture with its layers.
     fn picture(&self, film: &Film) -> Result<Picture> {
-        let aovs = self.kept.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.settings));
+        let aovs = self.kept.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.before, self.settings));
+        let light = self.kept.light.borrow();
         let Settings { width, height, crop, .. } = *self.settings;
         let window = crop.map(|crop| Window { crop, size: [width, height] });
-        Ok(Picture { window, ..self.args.layers.picture(film, self.scene, aovs.as_ref())? })
+        Ok(Picture { window, ..self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref())? })
     }
 
     /// Returns the record of a picture.
@@ -808,14 +932,9 @@ impl Job<'_> {
     }
 }
 
-/// True if a file is an .exr.
-fn is_exr(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-}
-
 /// Writes a picture: .exr with its layers and its record, .png with its exposure and tone curve.
 fn save(path: &Path, picture: &Picture, grade: &Grade) -> Result<()> {
-    let saved = if is_exr(path) { picture.save(path) } else { picture.film.save_graded(path, grade) };
+    let saved = if has_extension(path, "exr") { picture.save(path) } else { picture.film.save_graded(path, grade) };
     Ok(saved?)
 }
 

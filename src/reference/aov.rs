@@ -1,4 +1,4 @@
-//! Renders what a camera sees without lighting: coverage, albedo, normals, depths, positions, emission, and
+//! Renders what a camera sees without lighting: coverage, albedo, normals, depths, positions, motion, and
 //! the objects and materials of each pixel.
 //!
 //! The rays do not depend on the method, the seed or the number of samples of the picture, so that all methods
@@ -10,9 +10,9 @@ use glam::{Vec2, Vec3};
 use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 
 use super::sampler::Sampler;
-use super::{Reference, ReferenceSettings};
+use super::{Hit, Reference, ReferenceSettings};
 use crate::crop::Crop;
-use crate::scene::Geometry;
+use crate::scene::Scene;
 
 /// Distance where nothing is hit.
 pub const FAR: f32 = 1e10;
@@ -31,8 +31,9 @@ pub struct Aovs {
     pub depth: Vec<f32>,
     /// Position at the centre of the pixel, world space, metres; zero where nothing is hit.
     pub position: Vec<[f32; 3]>,
-    /// Mean radiance that seen surfaces emit.
-    pub emission: Vec<[f32; 3]>,
+    /// Pixels that what is at the centre of the pixel has moved since the frame before, X to the right and Y up;
+    /// zero without a frame before, and where that was behind the camera.
+    pub motion: Vec<[f32; 2]>,
     /// Mean radiance of the environment that is seen past all surfaces.
     pub background: Vec<[f32; 3]>,
     /// Instances in each pixel with their coverage, the largest first. [`Aovs::TESSELLATED`] are surfaces whose
@@ -53,10 +54,10 @@ struct Pixel {
     hits: u32,
     albedo: Vec3,
     normal: Vec3,
-    emission: Vec3,
     background: Vec3,
     depth: f32,
     position: Vec3,
+    motion: Vec2,
     objects: BTreeMap<u32, u32>,
     materials: BTreeMap<u32, u32>,
 }
@@ -69,20 +70,19 @@ impl Reference<'_> {
     /// Panics if the scene has no camera of that index.
     #[must_use]
     pub fn aovs(&self, settings: &ReferenceSettings) -> Aovs {
-        self.aovs_within(settings, Crop::whole(settings.width, settings.height))
+        self.aovs_within(settings, Crop::whole(settings.width, settings.height), None)
     }
 
-    /// Returns the same of a part of the image.
+    /// Returns the same of a part of the image, with the motion since `before`, the same scene in the pose of the
+    /// frame before. The motion of tessellated surfaces is that of the camera alone.
     ///
     /// # Panics
-    /// Panics if the scene has no camera of that index.
+    /// Panics if one of the scenes has no camera of that index.
     #[must_use]
-    pub fn aovs_within(&self, settings: &ReferenceSettings, region: Crop) -> Aovs {
+    pub fn aovs_within(&self, settings: &ReferenceSettings, region: Crop, before: Option<&Scene>) -> Aovs {
         let samples = settings.samples;
-        let instances = self.instances_of_triangles();
         let pixels: Vec<u32> = region.pixels(settings.width).collect();
-        let pixels: Vec<Pixel> =
-            pixels.into_par_iter().map(|pixel| self.aovs_of(settings, pixel, &instances)).collect();
+        let pixels: Vec<Pixel> = pixels.into_par_iter().map(|pixel| self.aovs_of(settings, pixel, before)).collect();
         let mean = |value: &dyn Fn(&Pixel) -> Vec3| -> Vec<[f32; 3]> {
             pixels.iter().map(|pixel| (value(pixel) / samples as f32).to_array()).collect()
         };
@@ -100,7 +100,7 @@ impl Reference<'_> {
             normal: mean(&|pixel| pixel.normal),
             depth: pixels.iter().map(|pixel| pixel.depth).collect(),
             position: pixels.iter().map(|pixel| pixel.position.to_array()).collect(),
-            emission: mean(&|pixel| pixel.emission),
+            motion: pixels.iter().map(|pixel| pixel.motion.to_array()).collect(),
             background: mean(&|pixel| pixel.background),
             objects: ranked(&|pixel| &pixel.objects),
             materials: ranked(&|pixel| &pixel.materials),
@@ -108,7 +108,7 @@ impl Reference<'_> {
     }
 
     /// Traces the rays of one pixel.
-    fn aovs_of(&self, settings: &ReferenceSettings, pixel: u32, instances: &[u32]) -> Pixel {
+    fn aovs_of(&self, settings: &ReferenceSettings, pixel: u32, before: Option<&Scene>) -> Pixel {
         let corner = Vec2::new((pixel % settings.width) as f32, (pixel / settings.width) as f32);
         let rays = self.rays(settings);
         let mut out = Pixel { depth: FAR, ..Pixel::default() };
@@ -126,23 +126,46 @@ impl Reference<'_> {
             out.albedo +=
                 self.surfaces.bsdf(&surface).map_or(Vec3::ZERO, |bsdf| bsdf.albedo(wo)).clamp(Vec3::ZERO, Vec3::ONE);
             out.normal += surface.frame.z;
-            out.emission += self.surfaces.emitted(&hit, surface.front);
-            *out.objects.entry(instances[hit.triangle as usize]).or_default() += 1;
+            *out.objects.entry(self.instance_of(hit.triangle)).or_default() += 1;
             *out.materials.entry(self.geometry().materials[hit.triangle as usize]).or_default() += 1;
         }
         let (origin, direction, forward) = rays.central(corner + 0.5);
-        if let Some(hit) = self.first_hit(origin, direction) {
-            out.position = self.surfaces.at(&hit, direction).position;
+        let hit = self.first_hit(origin, direction);
+        if let Some(hit) = &hit {
+            out.position = self.surfaces.at(hit, direction).position;
             out.depth = hit.t * direction.dot(forward);
+        }
+        if let Some(before) = before {
+            let camera = &before.cameras[settings.camera];
+            let place = match &hit {
+                Some(hit) => self.position_in(before, hit),
+                // What is infinitely far away moves with the direction of the view alone.
+                None => Vec3::from(camera.world_from_camera.translation) + direction,
+            };
+            let size = Vec2::new(settings.width as f32, settings.height as f32);
+            let place = camera.project_beyond(place, settings.width, settings.height);
+            out.motion = place.map_or(Vec2::ZERO, |place| (corner + 0.5 - place * size) * Vec2::new(1.0, -1.0));
         }
         out
     }
 
-    /// Returns the instance of each triangle.
-    fn instances_of_triangles(&self) -> Vec<u32> {
-        let (_, sources) = Geometry::with_sources(self.scene);
-        let instance = |corner: u32| sources.origins.get(corner as usize).map_or(Aovs::TESSELLATED, |o| o.instance);
-        self.geometry().triangles.iter().map(|&[first, ..]| instance(first)).collect()
+    /// Returns the instance of a triangle.
+    fn instance_of(&self, triangle: u32) -> u32 {
+        let [vertex, ..] = self.geometry().triangles[triangle as usize];
+        self.surfaces.origins.get(vertex as usize).map_or(Aovs::TESSELLATED, |&[instance, _]| instance)
+    }
+
+    /// Returns where a hit is in another pose of the scene; of tessellated surfaces, in this one.
+    fn position_in(&self, pose: &Scene, hit: &Hit) -> Vec3 {
+        let geometry = self.geometry();
+        let corner = |vertex: u32| match self.surfaces.origins.get(vertex as usize) {
+            Some(&[instance, vertex]) => {
+                let instance = &pose.instances[instance as usize];
+                instance.world_from_local.transform_point3(pose.meshes[instance.mesh].positions[vertex as usize])
+            }
+            None => geometry.vertices[vertex as usize].position,
+        };
+        hit.mix(geometry.triangles[hit.triangle as usize].map(corner))
     }
 }
 
@@ -189,5 +212,41 @@ mod tests {
         }
         let other = reference.aovs(&ReferenceSettings { seed: 9, ..settings });
         assert_eq!(other.coverage, aovs.coverage, "the seed of the picture does not count");
+    }
+    /// A triangle and a camera that have moved, and a camera that has turned.
+    #[test]
+    fn motion_is_in_pixels() {
+        let mut scene = builtin::load("single_triangle").unwrap();
+        scene.cameras[0].projection = Projection::Perspective { fov: 60.0_f32.to_radians(), axis: FovAxis::Smaller };
+        let eye = Vec3::new(0.0, 1.0, 9.0);
+        scene.cameras[0] = scene.cameras[0].clone().looking(eye, Vec3::Y).unwrap();
+        let reference = Reference::new(&scene);
+        let settings = ReferenceSettings { width: 24, height: 24, samples: 1, bounces: None, seed: 1, camera: 0 };
+        let middle = Crop { x: 12, y: 10, width: 1, height: 1 };
+        let corner = Crop { x: 0, y: 0, ..middle };
+        let since = |before: &Scene, region| {
+            let aovs = reference.aovs_within(&settings, region, Some(before));
+            (aovs.motion[0], aovs.depth[0] < FAR)
+        };
+        let close = |(a, seen): ([f32; 2], bool), b: [f32; 2]| seen && Vec2::from(a).distance(b.into()) < 1e-3;
+        assert!(close(since(&scene, middle), [0.0; 2]));
+        // 2.3094 pixels per metre, as above. The triangle has moved by 0.1 m to the right and 0.2 m down.
+        let mut moved = scene.clone();
+        moved.instances[0].world_from_local.translation += glam::Vec3A::new(-0.1, 0.2, 0.0);
+        assert!(close(since(&moved, middle), [0.230_94, -0.461_88]), "{:?}", since(&moved, middle));
+        // The camera has moved by half a metre to the left, so that what it sees has moved to the right.
+        let mut beside = scene.clone();
+        beside.cameras[0].world_from_camera.translation.x += 0.5;
+        assert!(close(since(&beside, middle), [1.1547, 0.0]));
+        // Nothing is seen at the corner: it moves with the camera's direction alone.
+        let (pixels, seen) = since(&beside, corner);
+        assert!(!seen && Vec2::from(pixels).length() < 1e-3, "{pixels:?}");
+        let mut turned = scene.clone();
+        turned.cameras[0] = turned.cameras[0].clone().looking(eye, Vec3::new(1.0, 1.0, 0.0)).unwrap();
+        assert!(since(&turned, corner).0[0] > 2.0);
+        turned.cameras[0] = turned.cameras[0].clone().looking(eye, Vec3::new(0.0, 1.0, 18.0)).unwrap();
+        assert_eq!(since(&turned, middle).0, [0.0; 2], "it was behind the camera");
+        let still = reference.aovs(&settings);
+        assert!(still.motion.len() == 24 * 24 && still.motion.iter().all(|pixels| *pixels == [0.0; 2]));
     }
 }

@@ -89,6 +89,8 @@ pub struct Reference<'s> {
     bvh: Bvh,
     /// True if rays can hit emission: emissive surfaces or a sky.
     emitters_can_be_hit: bool,
+    /// True if light that was scattered counts.
+    scatters: bool,
 }
 
 impl<'s> Reference<'s> {
@@ -104,12 +106,17 @@ impl<'s> Reference<'s> {
         });
         let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
         let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);
-        Self { scene, camera: None, surfaces, sky, lights, bvh, emitters_can_be_hit }
+        Self { scene, camera: None, surfaces, sky, lights, bvh, emitters_can_be_hit, scatters: true }
     }
 
     /// Replaces the camera, whichever one the settings name.
     pub fn look(&mut self, camera: Camera) {
         self.camera = Some(camera);
+    }
+
+    /// Counts light that was scattered, or leaves it out, so that paths show only what the camera sees emit.
+    pub fn scatter(&mut self, scatters: bool) {
+        self.scatters = scatters;
     }
 
     /// Returns the camera rays of an image.

@@ -93,7 +93,7 @@ impl Reference<'_> {
                 });
                 path.radiance += throughput * emitted * weight;
             }
-            if bounces.is_some_and(|bounces| vertex > bounces) {
+            if !self.scatters || bounces.is_some_and(|bounces| vertex > bounces) {
                 break;
             }
             let Some(bsdf) = self.surfaces.bsdf(&surface) else { break };

@@ -101,6 +101,8 @@ impl Surface<'_> {
 pub struct Surfaces<'s> {
     /// World-space triangles.
     pub geometry: Geometry,
+    /// Instance of each vertex, and its vertex in the mesh. Vertices of tessellated surfaces come after these.
+    pub origins: Vec<[u32; 2]>,
     /// Unit geometric normals of the triangles, front side.
     pub normals: Vec<Vec3>,
     /// Textures of the materials.
@@ -113,12 +115,13 @@ impl<'s> Surfaces<'s> {
     /// Flattens a scene.
     #[must_use]
     pub fn new(scene: &'s Scene) -> Self {
-        let geometry = Geometry::new(scene);
+        let (geometry, origins) = Geometry::with_origins(scene);
         let normal = |i| {
             let [a, b, c] = geometry.positions(i);
             (b - a).cross(c - a).normalize_or_zero()
         };
         Self {
+            origins: origins.iter().map(|origin| [origin.instance, origin.vertex]).collect(),
             normals: (0..geometry.triangles.len()).map(normal).collect(),
             prepared: scene.materials.iter().map(|m| bsdf::prepare(&m.bsdf)).collect(),
             textures: Textures::new(scene),

@@ -176,18 +176,23 @@ impl ConvergedTiles {
         TileState { converged: self.converged.clone(), taken: self.taken.clone(), since: self.since }
     }
 
-    /// Takes over the mask and the counts of [`Self::state`].
+    /// Takes over the tiles of a state, if sampling is adaptive.
     ///
     /// # Errors
-    /// [`RenderError::Setting`] if they have another number of tiles.
-    pub fn restore(&mut self, gpu: &Gpu, state: &TileState) -> Result<(), RenderError> {
-        let count = self.converged.len();
+    /// [`RenderError::Setting`] if the state has another number of tiles, or if only one of the two has tiles.
+    pub fn restore(this: Option<&mut Self>, gpu: &Gpu, state: Option<&TileState>) -> Result<(), RenderError> {
+        let (this, state) = match (this, state) {
+            (Some(this), Some(state)) => (this, state),
+            (None, None) => return Ok(()),
+            _ => return Err(RenderError::foreign_state()),
+        };
+        let count = this.converged.len();
         if [state.converged.len(), state.taken.len()] != [count, count] {
             return Err(RenderError::foreign_state());
         }
-        (self.converged, self.taken) = (state.converged.clone(), state.taken.clone());
-        self.since = state.since;
-        self.upload(gpu);
+        (this.converged, this.taken) = (state.converged.clone(), state.taken.clone());
+        this.since = state.since;
+        this.upload(gpu);
         Ok(())
     }
 

@@ -105,6 +105,12 @@ pub fn differences(one: &str, other: &str) -> Vec<String> {
         .collect()
 }
 
+/// True if a text of [`settings_text`] is that of these settings, whatever the plan chose.
+#[must_use]
+pub fn is_text_of(text: &str, settings: &Settings) -> bool {
+    differences(text, &settings_text(settings, None)).iter().all(|difference| difference.starts_with("grid ("))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,5 +137,7 @@ mod tests {
         let other = Settings { seed: 7, ..settings.clone() };
         assert_eq!(differences(&text(&settings), &text(&other)), ["seed (1 and 7)"]);
         assert!(differences(&text(&settings), &text(&longer)).is_empty());
+        let planned = settings_text(&settings, Some(&serde_json::json!({ "grid": 3 })));
+        assert!(is_text_of(&planned, &settings) && !is_text_of(&planned, &other));
     }
 }

@@ -210,6 +210,13 @@ pub trait Renderer {
         pollster::block_on(self.set_only_async(only))
     }
 
+    /// Returns settings with the choices of this plan that say where in a pixel a sample lies, so that the picture of
+    /// other bounces has its samples there, too.
+    #[must_use]
+    fn aligned(&self, settings: Settings) -> Settings {
+        settings
+    }
+
     /// Sets the tiles that take no more samples, row by row: one for each square of
     /// [`TILE`](super::adaptive_sampling::TILE) pixels along a side, smaller at the right and bottom borders.
     /// These tiles keep their picture; the others take the same samples as without converged tiles.

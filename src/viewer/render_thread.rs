@@ -20,7 +20,7 @@ use glam::Vec3;
 use super::engine::{Engine, reference_settings};
 use super::pace::Pace;
 use super::request::{Command, Layer, Machine, Picture, Request, SceneInfo};
-use crate::film::Film;
+use crate::film::{Film, has_extension};
 use crate::gpu::{Gpu, GpuError};
 use crate::metrics;
 use crate::reference::{Features, Reference, ReferenceSettings, Rounds};
@@ -472,7 +472,7 @@ impl Worker {
         let Some((film, layer)) = self.shown.get(pane).and_then(Option::as_ref) else {
             return self.say(Note::Wrong("there is no picture yet".to_owned()));
         };
-        let linear = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+        let linear = has_extension(path, "exr");
         let saved = if linear || !layer.is_radiance() { film.save(path) } else { film.save_graded(path, &tonemap) };
         self.say(match saved {
             Ok(()) => Note::Done(format!("{} is written", path.display())),

@@ -430,7 +430,7 @@ impl State {
         if let Some(radians) = rotate {
             option("env-rotate", radians.to_degrees().to_string());
         }
-        if output.extension().is_some_and(|e| e == "png") {
+        if crate::film::has_extension(output, "png") {
             match self.exposure {
                 // The exposure of the file's own picture would differ from the displayed one.
                 Exposure::Auto if self.active == 0 && side.layer == Layer::Light => {}

@@ -35,7 +35,7 @@ use crate::render::state::RenderState;
 use crate::render::upload::deformation::Deformer;
 use crate::render::upload::gpu_scene::GpuScene;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
-use crate::settings::{LightSampling, OnlyStrategy, Settings, Strategies};
+use crate::settings::{LightSampling, OnlyStrategy, Settings, Strategies, Visibility, VisibilityFrom};
 
 /// Most iterations of a batch; the log has 32 bits for them.
 const BATCH: u64 = 8;
@@ -351,7 +351,17 @@ impl Renderer for SharedRenderer<'_> {
         let directions = self.frame.directions.take();
         self.frame = Frame::new(self.gpu, &self.scene, &self.plan, &self.settings, directions);
         self.choose_lights_by_power();
+        self.restart(self.settings.seed);
         self.begin().await
+    }
+
+    fn aligned(&self, settings: Settings) -> Settings {
+        let visibility_from = match self.settings.visibility() {
+            Visibility::Exact if self.plan.traces_camera => VisibilityFrom::Grid,
+            Visibility::Exact => VisibilityFrom::Lists,
+            _ => settings.visibility_from,
+        };
+        Settings { interleave: Some(self.plan.grid.side), visibility_from, ..settings }
     }
 
     async fn vpls_async(&self) -> Result<Vec<Vec3>, RenderError> {
@@ -426,11 +436,7 @@ impl Renderer for SharedRenderer<'_> {
             (None, None) => {}
             _ => return Err(RenderError::foreign_state()),
         }
-        match (&mut self.frame.pixels.converged, &state.tiles) {
-            (Some(converged), Some(tiles)) => converged.restore(self.gpu, tiles)?,
-            (None, None) => {}
-            _ => return Err(RenderError::foreign_state()),
-        }
+        ConvergedTiles::restore(self.frame.pixels.converged.as_mut(), self.gpu, state.tiles.as_ref())?;
         let histories = self.frame.denoiser.iter().flat_map(Denoiser::state_buffers);
         write_buffers(self.gpu, self.frame.pixels.films().chain(histories), &state.buffers)?;
         (self.first, self.samples) = (state.first, state.next);

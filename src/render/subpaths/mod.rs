@@ -375,11 +375,7 @@ impl Renderer for PathRenderer<'_> {
 
     fn restore(&mut self, state: &RenderState) -> Result<(), RenderError> {
         self.restart(self.constants.seed);
-        match (&mut self.pixels.converged, &state.tiles) {
-            (Some(converged), Some(tiles)) => converged.restore(self.gpu, tiles)?,
-            (None, None) => {}
-            _ => return Err(RenderError::foreign_state()),
-        }
+        ConvergedTiles::restore(self.pixels.converged.as_mut(), self.gpu, state.tiles.as_ref())?;
         write_buffers(self.gpu, self.state_buffers(), &state.buffers)?;
         (self.first, self.samples) = (state.first, state.next);
         self.stats.non_finite = state.non_finite;

@@ -124,6 +124,12 @@ impl Camera {
     /// Returns `None` for points behind a pinhole and outside the image.
     #[must_use]
     pub fn project(&self, point: Vec3, width: u32, height: u32) -> Option<Vec2> {
+        self.project_beyond(point, width, height).filter(|at| at.min_element() >= 0.0 && at.max_element() <= 1.0)
+    }
+
+    /// Projects as [`Self::project`], also to places outside the image.
+    #[must_use]
+    pub fn project_beyond(&self, point: Vec3, width: u32, height: u32) -> Option<Vec2> {
         let p = self.world_from_camera.inverse().transform_point3(point);
         let on_plane = match self.projection {
             Projection::Perspective { .. } if p.z < 0.0 => p.truncate() / -p.z,
@@ -131,7 +137,7 @@ impl Camera {
             Projection::Orthographic { .. } => p.truncate(),
         };
         let ndc = on_plane / self.half_extent(width, height);
-        (ndc.abs().max_element() <= 1.0).then(|| Vec2::new(0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y))
+        Some(Vec2::new(0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y))
     }
 }
 

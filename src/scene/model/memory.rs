@@ -42,11 +42,11 @@ pub fn mebibytes(bytes: u64) -> u64 {
     bytes.div_ceil(1 << 20)
 }
 
-/// Returns the bytes of memory that are free, of the machine and of this process' control group, where the system
-/// says so.
+/// Returns the bytes of memory that are free, of the machine, of this process' control group and of its address space
+/// (`ulimit -v`), where the system says so.
 pub fn free() -> Option<u64> {
     let of_machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| of_meminfo(&text));
-    of_machine.into_iter().chain(of_group()).min()
+    of_machine.into_iter().chain(of_group()).chain(of_process()).min()
 }
 
 fn of_meminfo(text: &str) -> Option<u64> {
@@ -67,6 +67,19 @@ fn of_group_files(max: &str, current: &str, stat: &str) -> Option<u64> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let droppable = stat.lines().find_map(|line| line.strip_prefix("inactive_file ")).and_then(number).unwrap_or(0);
     Some((number(max)? + droppable).saturating_sub(number(current)?))
+}
+
+/// Returns the bytes that the address space may grow by.
+fn of_process() -> Option<u64> {
+    let read = |name: &str| fs::read_to_string(format!("/proc/self/{name}")).ok();
+    of_process_files(&read("limits")?, &read("status")?)
+}
+
+fn of_process_files(limits: &str, status: &str) -> Option<u64> {
+    let limit = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let soft = limit.split_whitespace().next()?.parse::<u64>().ok()?;
+    let size = status.lines().find_map(|line| line.strip_prefix("VmSize:"))?.trim().strip_suffix("kB")?;
+    Some(soft.saturating_sub(size.trim().parse::<u64>().ok()? << 10))
 }
 
 #[cfg(test)]
@@ -93,6 +106,10 @@ mod tests {
         assert_eq!(of_group_files("1000\n", "700\n", "anon 5\ninactive_file 200\n"), Some(500));
         assert_eq!(of_group_files("1000\n", "1200\n", ""), Some(0));
         assert_eq!(of_group_files("max\n", "1200\n", ""), None);
+        let limits =
+            |soft: &str| format!("Limit  Soft Limit\nMax address space      {soft}      unlimited      bytes\n");
+        assert_eq!(of_process_files(&limits("3072"), "VmPeak: 9 kB\nVmSize:\t    2 kB\n"), Some(1024));
+        assert_eq!(of_process_files(&limits("unlimited"), "VmSize: 2 kB\n"), None);
         assert!(free().is_none_or(|free| free > 1 << 20));
     }
 }

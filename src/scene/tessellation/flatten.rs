@@ -20,8 +20,20 @@ impl Geometry {
     /// Flattens a scene. Triangles with zero area are dropped, since no ray can hit them.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
+        Self::flattened(scene, None)
+    }
+
+    /// Flattens a scene as [`Self::new`], and returns the sources of the first vertices, those of meshes without
+    /// refinement.
+    #[must_use]
+    pub fn with_origins(scene: &Scene) -> (Self, Vec<Origin>) {
+        let mut origins = Vec::new();
+        (Self::flattened(scene, Some(&mut origins)), origins)
+    }
+
+    fn flattened(scene: &Scene, origins: Option<&mut Vec<Origin>>) -> Self {
         let mut out = Self::default();
-        let refined = out.add_plain(scene, None);
+        let refined = out.add_plain(scene, origins);
         let surfaces = refine::surfaces(scene, &refined);
         out.refine(scene, surfaces, true);
         out.bound();
