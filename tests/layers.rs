@@ -136,7 +136,10 @@ fn coverage_leaves_the_environment_out() {
     fail(&[&base[..], &["--aov", "motions"]].concat(), "albedo, normal, depth, position, motion, emission, direct");
     let exr = folder.path("a.exr");
     let history = ["render", "builtin:cornell_area", "-o", &exr, "--history", "4", "--aov", "direct"];
-    fail(&history, "leave --history out");
+    fail(&history, "leave it out");
+    let filtered =
+        ["render", "builtin:cornell_point", "-o", &exr, "--turntable", "3", "--samples", "1", "--size", "32x24"];
+    fail(&[&filtered[..], &["--interleave", "2", "--aov", "direct"]].concat(), "give --interleave 1");
 }
 
 /// Layers are kept when parts are merged.
@@ -260,10 +263,21 @@ fn frames_have_motion() {
     let folder = Folder::new("motion");
     let out = folder.path("a.exr");
     let base = ["render", "builtin:cornell_spheres", "-o", &out, "--size", "32x24", "--samples", "1", "-q"];
-    let (code, text) =
-        run(&[&base[..], &["--method", "reference", "--turntable", "3", "--aov", "motion,direct"]].concat());
-    assert_eq!(code, Some(0), "{text}");
+    let turn = |method: &[&str]| {
+        let (code, text) = run(&[&base[..], method, &["--turntable", "3", "--aov", "motion,direct,indirect"]].concat());
+        assert_eq!(code, Some(0), "{text}");
+    };
     let frame = |n: u32| Picture::load(folder.path(&format!("a_{n:04}.exr"))).unwrap();
+    if common::gpu().is_some() {
+        for method in [&["--method", "path"][..], &["--method", "shared", "--interleave", "1"]] {
+            turn(method);
+            for n in 0..3 {
+                let least = light(&frame(n), "indirect").pixels.iter().flatten().copied().fold(0.0, f32::min);
+                assert!(least > -1e-5, "{method:?}, frame {n}: the light is that of another frame, {least}");
+            }
+        }
+    }
+    turn(&["--method", "reference"]);
     let length = |picture: &Picture| {
         let [x, y] = ["motion.X", "motion.Y"].map(|name| picture.channel(name).unwrap());
         x.iter().zip(y).map(|(x, y)| x.hypot(*y)).fold(0.0, f32::max)

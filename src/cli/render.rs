@@ -445,9 +445,7 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     }
     args.layers.check(args.output.iter().any(|path| has_extension(path, "exr")), args.writes_png())?;
     if args.layers.splits_light() && args.view.settings.history > 0 {
-        bail!(
-            "--aov emission, direct and indirect: need frames that do not depend on those before; leave --history out"
-        );
+        bail!("--aov emission, direct and indirect: frames with --history hold a part of those before; leave it out");
     }
     if let Some(seconds) = args.checkpoint {
         if !CHECKPOINTS.contains(&seconds) {
@@ -539,6 +537,11 @@ impl Job<'_> {
     fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderers: &mut Renderers<'gpu>) -> Result<()> {
         let Some(gpu) = gpu else { return self.reference() };
         let renderer = self.posed(gpu, &mut renderers.picture, self.settings)?;
+        if self.frame.is_some() && self.args.layers.splits_light() && renderer.is_denoised() {
+            bail!(
+                "--aov emission, direct and indirect: filtered frames hold a part of those before; give --interleave 1"
+            );
+        }
         let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };

@@ -210,6 +210,12 @@ pub trait Renderer {
         pollster::block_on(self.set_only_async(only))
     }
 
+    /// True if frames are denoised: a frame in which anything has moved holds a part of those before.
+    #[must_use]
+    fn is_denoised(&self) -> bool {
+        false
+    }
+
     /// Returns settings with the choices of this plan that say where in a pixel a sample lies, so that the picture of
     /// other bounces has its samples there, too.
     #[must_use]

@@ -355,6 +355,10 @@ impl Renderer for SharedRenderer<'_> {
         self.begin().await
     }
 
+    fn is_denoised(&self) -> bool {
+        self.frame.denoiser.is_some()
+    }
+
     fn aligned(&self, settings: Settings) -> Settings {
         let visibility_from = match self.settings.visibility() {
             Visibility::Exact if self.plan.traces_camera => VisibilityFrom::Grid,
