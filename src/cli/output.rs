@@ -1,10 +1,10 @@
 //! Output of commands. Files are checked before the work begins, and are written completely or not at all.
 
-use std::ffi::OsString;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
+use lightsheaf::film;
 
 /// Returns the command line, quoted for a shell.
 pub fn command_line() -> String {
@@ -38,24 +38,12 @@ pub fn check(path: &Path, extensions: &[&str]) -> Result<()> {
     if !folder.is_dir() {
         bail!("{shown}: the folder {} does not exist; create it first", folder.display());
     }
-    let part = part_of(path);
+    let part = film::part_of(path);
     std::fs::write(&part, []).with_context(|| format!("{shown}: the folder {} cannot be written", folder.display()))?;
     std::fs::remove_file(&part).with_context(|| format!("{} cannot be removed", part.display()))
 }
 
-/// Writes a text file under a temporary name and renames it, so that it is never incomplete.
+/// Writes a text file, which is never incomplete.
 pub fn write(path: &Path, text: &str) -> Result<()> {
-    let part = part_of(path);
-    std::fs::write(&part, text).and_then(|()| std::fs::rename(&part, path)).or_else(|e| {
-        let _ = std::fs::remove_file(&part);
-        Err(e).with_context(|| format!("{}: cannot be written", path.display()))
-    })
-}
-
-/// Returns the temporary name of a file that is being written.
-fn part_of(path: &Path) -> PathBuf {
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.part", std::process::id()));
-    path.with_file_name(name)
+    Ok(film::replace(path, &|part| std::fs::write(part, text).map_err(|e| e.to_string()))?)
 }

@@ -85,13 +85,13 @@ impl Renderer for ReferenceRenderer<'_> {
     }
 
     fn restore(&mut self, state: &RenderState) -> Result<(), RenderError> {
-        let foreign = || RenderError::Setting("the state is that of another picture; begin it anew".to_owned());
-        let [sums] = state.buffers.as_slice() else { return Err(foreign()) };
+        let [sums] = state.buffers.as_slice() else { return Err(RenderError::foreign_state()) };
         let value = |bytes: &[u8]| bytes.try_into().map(f64::from_le_bytes).unwrap_or_default();
         let sums =
             sums.chunks_exact(24).map(|pixel| std::array::from_fn(|c| value(&pixel[8 * c..8 * c + 8]))).collect();
         let range = state.first as u32..state.next as u32;
-        self.rounds = Rounds::from_sums(self.settings, self.region, range, sums).ok_or_else(foreign)?;
+        self.rounds =
+            Rounds::from_sums(self.settings, self.region, range, sums).ok_or_else(RenderError::foreign_state)?;
         self.rounds.non_finite = state.non_finite;
         Ok(())
     }

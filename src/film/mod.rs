@@ -51,8 +51,8 @@ pub enum FilmError {
         /// Reason of the failure.
         cause: String,
     },
-    /// The file could not be written.
-    #[error("{}: the image cannot be written: {cause}", path.display())]
+    /// A picture, or another file, could not be written.
+    #[error("{}: cannot be written: {cause}", path.display())]
     Write {
         /// Path of the file.
         path: PathBuf,
@@ -156,10 +156,7 @@ impl Film {
 /// # Errors
 /// Returns [`FilmError::Write`] with the cause; the temporary file is removed.
 pub fn replace(path: &Path, write: &dyn Fn(&Path) -> Result<(), String>) -> Result<(), FilmError> {
-    let mut name = std::ffi::OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.part", std::process::id()));
-    let temporary = path.with_file_name(name);
+    let temporary = part_of(path);
     // The data is on the disk before the name is: a crash of the machine leaves the old file or the new one.
     let sync = || std::fs::File::options().write(true).open(&temporary).and_then(|file| file.sync_all());
     let written = write(&temporary)
@@ -175,6 +172,15 @@ pub fn replace(path: &Path, write: &dyn Fn(&Path) -> Result<(), String>) -> Resu
         };
         FilmError::Write { path: path.to_owned(), cause }
     })
+}
+
+/// Returns the temporary name of a file that is being written, in the same folder.
+#[must_use]
+pub fn part_of(path: &Path) -> PathBuf {
+    let mut name = std::ffi::OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.part", std::process::id()));
+    path.with_file_name(name)
 }
 
 /// Encodes a value by sRGB's transfer function, clipped to [0, 1].

@@ -57,7 +57,8 @@ impl RenderError {
     }
 
     /// Returns the error of a state that does not fit.
-    pub(crate) fn foreign_state() -> Self {
+    #[must_use]
+    pub fn foreign_state() -> Self {
         Self::Setting("the state is that of another picture; begin it anew".to_owned())
     }
 
