@@ -55,6 +55,7 @@ async function draw(session) {
   at("error").textContent = error === undefined ? "" : `rel_mse against the reference: ${error.toExponential(2)}`;
   const times = JSON.parse(session.times());
   at("times").innerHTML = "";
+  if (!times.length) at("times").insertRow().insertCell().textContent = "This browser has not timed any yet.";
   for (const [pass, milliseconds] of times) {
     const row = at("times").insertRow();
     row.insertCell().textContent = pass;
@@ -189,6 +190,7 @@ async function run() {
       progress.ready = false;
       await fail(error);
     }
+    session.measure(at("timing").open);
     if (!busy) await change();
   }
 }

@@ -83,6 +83,7 @@ pub fn ours<'a>(
     settings: &Settings,
 ) -> Result<Box<dyn Contender + 'a>, BenchError> {
     let Some(gpu) = gpu else { return Ok(Box::new(OnCpu::new(scene, settings))) };
+    gpu.timings.measure(true);
     Ok(Box::new(OnDevice { gpu, renderer: render::open(gpu, scene, settings)? }))
 }
 

@@ -400,6 +400,7 @@ fn open(args: &RenderArgs) -> Result<Option<Gpu>> {
     }
     let gpu = super::open(args.view.settings.technique)?;
     gpu.non_finite.watch(&gpu, args.check_values);
+    gpu.timings.measure(args.stats.is_some());
     if let Some(folder) = &args.dump_shaders {
         gpu.dump_shaders(folder).with_context(|| format!("--dump-shaders {}", folder.display()))?;
     }

@@ -1,7 +1,8 @@
-//! Measures device time per pass with timestamp queries. Times stay zero if the adapter has none.
+//! Measures device time per pass with timestamp queries, when asked to. Times stay zero if the adapter has none.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::{Gpu, GpuError, Ledger, read_back_async};
 
@@ -39,6 +40,7 @@ struct State {
 /// Collects the device times of passes.
 pub struct Timings {
     queries: Option<Queries>,
+    asked: AtomicBool,
     state: Mutex<State>,
 }
 
@@ -61,14 +63,21 @@ impl Timings {
             ),
             millis_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
         });
-        Self { queries, state: Mutex::default() }
+        Self { queries, asked: AtomicBool::new(false), state: Mutex::default() }
     }
 
-    /// Counts a run of a pass and returns the indices of its timestamps, or None if the query set is full.
+    /// Begins or ends to time passes. It is off at first: between two timestamps a device finishes a pass before the
+    /// next begins, and the times are read after each batch. Runs are counted all the time.
+    pub fn measure(&self, on: bool) {
+        self.asked.store(on, Ordering::Relaxed);
+    }
+
+    /// Counts a run of a pass and returns the indices of its timestamps, or None if passes are not timed or
+    /// the query set is full.
     pub(super) fn begin(&self, label: &'static str) -> Option<Writes> {
         let mut state = self.state.lock().ok()?;
         state.totals.entry(label).or_default().runs += 1;
-        let queries = self.queries.as_ref()?;
+        let queries = self.queries.as_ref().filter(|_| self.asked.load(Ordering::Relaxed))?;
         let index = state.pending.len() as u32;
         if index == CAPACITY {
             return None;

@@ -91,6 +91,7 @@ pub fn open() -> Opened {
     };
     match gpu {
         Ok(gpu) => {
+            gpu.timings.measure(true);
             let device = gpu.capabilities.adapter.clone();
             (Some(gpu), Machine { device, no_device: None, no_rays })
         }

@@ -21,6 +21,22 @@ fn raster_runs_on_a_device_without_ray_queries() {
     assert!(film.pixels.iter().flatten().sum::<f32>() > 1.0);
 }
 
+/// Runs are counted all the time, and timed when asked for. The device is this test's own.
+#[test]
+fn passes_are_timed_when_asked_for() {
+    let Some(gpu) = common::gpu().and_then(|_| Gpu::new().ok()) else { return };
+    let scene = lightsheaf::scene::load("builtin:cornell_point").unwrap();
+    let settings = Settings { width: 16, height: 16, samples: 2, ..Settings::plain() };
+    let millis = || {
+        let (_, stats) = common::raster(&gpu, &scene, &settings);
+        assert!(stats.passes.values().all(|pass| pass.runs > 0) && stats.passes.len() > 5, "{:?}", stats.passes);
+        stats.passes.values().map(|pass| pass.gpu_millis).sum::<f64>()
+    };
+    assert_eq!(millis(), 0.0);
+    gpu.timings.measure(true);
+    assert_eq!(millis() > 0.0, gpu.capabilities.timestamps);
+}
+
 #[test]
 fn ray_queries_are_there_when_asked_for() {
     let Some(gpu) = common::gpu_with_ray_queries() else { return };

@@ -54,6 +54,8 @@ pub struct Session {
     film: Film,
     reference: Option<Film>,
     stops: f32,
+    /// Samples of the picture that were taken before passes were timed; none if they are not timed.
+    timed_from: Option<u64>,
 }
 
 /// Returns the names of the built-in scenes.
@@ -78,6 +80,7 @@ impl Session {
             film: Film::new(0, 0),
             reference: None,
             stops: 0.0,
+            timed_from: None,
         })
     }
 
@@ -165,6 +168,8 @@ impl Session {
             // A filtered picture would go on from the view before.
             renderer.restart(seed);
         }
+        self.gpu.timings.reset();
+        self.timed_from = self.timed_from.map(|_| 0);
         Ok(())
     }
 
@@ -214,11 +219,23 @@ impl Session {
         self.renderer.as_ref().map(|renderer| renderer.plan_text()).unwrap_or_default()
     }
 
-    /// Returns name and milliseconds per sample of each pass since the renderer was opened, longest first, JSON.
+    /// Begins or ends to time passes.
+    pub fn measure(&mut self, on: bool) {
+        self.gpu.timings.measure(on);
+        if self.timed_from.is_some() != on {
+            self.gpu.timings.reset();
+            self.timed_from = on.then(|| self.renderer.as_ref().map_or(0, |renderer| renderer.samples()));
+        }
+    }
+
+    /// Returns name and milliseconds per sample of each pass that was timed, longest first, JSON.
     pub fn times(&self) -> String {
         let stats = self.renderer.as_ref().map(|renderer| renderer.stats()).unwrap_or_default();
-        let milliseconds = |time: &PassTime| time.gpu_millis / stats.samples.max(1) as f64;
+        let samples = stats.samples.saturating_sub(self.timed_from.unwrap_or(0)).max(1);
+        let milliseconds = |time: &PassTime| time.gpu_millis / samples as f64;
         let mut times: Vec<(&str, f64)> = stats.passes.iter().map(|(name, time)| (*name, milliseconds(time))).collect();
+        // Not every browser lets pages measure.
+        times.retain(|(_, milliseconds)| *milliseconds > 0.0);
         times.sort_by(|a, b| b.1.total_cmp(&a.1));
         serde_json::json!(times).to_string()
     }
