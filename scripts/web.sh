@@ -38,5 +38,5 @@ mkdir -p "$output/page"
 "$output/debug/lightsheaf-web-tool" bind "$output/$target/web/lightsheaf_web.wasm" "$output/page"
 cp web/index.html web/page.js "$output/page/"
 bytes=$(gzip -9 -c "$output/page/lightsheaf_web_bg.wasm" | wc -c)
-printf 'The page is in %s: %d.%d MB, compressed by gzip\n' "$output/page" $((bytes / 1000000)) $((bytes / 100000 % 10)) >&2
+printf 'The page is in %s: %d.%d MB, compressed by gzip\n' "$output/page" $(((bytes + 50000) / 1000000)) $(((bytes + 50000) / 100000 % 10)) >&2
 [[ -z $serve ]] || exec "$output/debug/lightsheaf-web-tool" serve "$output/page" "$port"

@@ -3,6 +3,7 @@
 
 mod common;
 
+use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
 
@@ -51,6 +52,19 @@ fn check(name: &str, posted: &[u8], expected: &Film) {
     let comparison = metrics::compare(&film, expected).unwrap();
     println!("{name}: rel_mse {:.2e}, mean {:+.1e}", comparison.rel_mse, comparison.mean_bias);
     assert!(comparison.rel_mse <= SAME, "{name}: {comparison:?}");
+}
+
+/// Most bytes of the page's module, compressed by gzip.
+const MOST_BYTES: usize = 3_000_000;
+
+#[test]
+fn the_page_is_small() {
+    let Some(site) = site() else { return };
+    let mut compressed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
+    compressed.write_all(&site["lightsheaf_web_bg.wasm"]).unwrap();
+    let bytes = compressed.finish().unwrap().len();
+    println!("{bytes} bytes");
+    assert!((MOST_BYTES / 10..=MOST_BYTES).contains(&bytes), "{bytes}");
 }
 
 #[test]
