@@ -48,8 +48,9 @@ fn contents(folder: &Folder) -> Vec<(String, Vec<u8>)> {
     folder.files().into_iter().map(read).collect()
 }
 
-/// Writes two parts of a picture, and files that stand for older results.
-fn prepare(folder: &Folder) {
+/// Returns a folder with two parts of a picture and files that stand for older results, and what is in it.
+fn prepared(name: &str) -> (Folder, Vec<(String, Vec<u8>)>) {
+    let folder = Folder::new(name);
     for (name, range) in [("one.exr", "1..2"), ("two.exr", "3..4")] {
         let path = folder.path(name);
         assert_eq!(run(&[&REFERENCE[..], &["-q", "-o", &path, "--sample-range", range]].concat()).0, Some(0));
@@ -57,6 +58,8 @@ fn prepare(folder: &Folder) {
     for name in ["a.exr", "a.png", "a.checkpoint", "a_0000.exr", "a.json"] {
         std::fs::write(folder.path(name), format!("{name} before")).unwrap();
     }
+    let before = contents(&folder);
+    (folder, before)
 }
 
 /// Returns the commands that write files, each with the name of the file that it cannot write.
@@ -84,9 +87,7 @@ fn commands(folder: &Folder) -> Vec<(Vec<String>, &'static str)> {
 
 #[test]
 fn a_full_disk_harms_nothing() {
-    let folder = Folder::new("full");
-    prepare(&folder);
-    let before = contents(&folder);
+    let (folder, before) = prepared("full");
     for (arguments, file) in commands(&folder) {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         check(run_on_a_full_disk(&arguments), &arguments, file);
@@ -97,9 +98,7 @@ fn a_full_disk_harms_nothing() {
 /// A checkpoint that cannot be written is a warning, since the render can go on, and the older one stays.
 #[test]
 fn a_render_goes_on_without_its_checkpoint() {
-    let folder = Folder::new("checkpoint");
-    prepare(&folder);
-    let before = contents(&folder);
+    let (folder, before) = prepared("checkpoint");
     let out = folder.path("a.exr");
     let arguments = [&REFERENCE[..], &["--budget", "2.5", "--checkpoint", "1", "-o", &out]].concat();
     let (code, text) = run_on_a_full_disk(&arguments);
@@ -112,9 +111,7 @@ fn a_render_goes_on_without_its_checkpoint() {
 /// A folder in which nothing can be created is told before anything is rendered.
 #[test]
 fn a_read_only_folder_is_told_first() {
-    let folder = Folder::new("read-only");
-    prepare(&folder);
-    let before = contents(&folder);
+    let (folder, before) = prepared("read-only");
     let allow = |mode| std::fs::set_permissions(&folder.0, std::fs::Permissions::from_mode(mode)).unwrap();
     allow(0o555);
     let probe = folder.path("probe");

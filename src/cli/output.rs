@@ -45,5 +45,5 @@ pub fn check(path: &Path, extensions: &[&str]) -> Result<()> {
 
 /// Writes a text file, which is never incomplete.
 pub fn write(path: &Path, text: &str) -> Result<()> {
-    Ok(film::replace(path, &|part| std::fs::write(part, text).map_err(|e| e.to_string()))?)
+    Ok(film::write(path, text.as_bytes())?)
 }

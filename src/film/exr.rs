@@ -10,7 +10,7 @@ use exr::prelude::{
 };
 
 use super::record::Record;
-use super::{Film, FilmError, MAX_PIXELS, replace};
+use super::{Film, FilmError, MAX_PIXELS};
 use crate::crop::Crop;
 
 /// A channel beside R, G and B.
@@ -56,7 +56,7 @@ impl Picture {
         let path = path.as_ref();
         let failed = |cause| FilmError::Write { path: path.to_owned(), cause };
         let bytes = self.encode().map_err(failed)?;
-        replace(path, &|temporary| std::fs::write(temporary, &bytes).map_err(|e| e.to_string()))
+        super::write(path, &bytes)
     }
 
     /// Returns the bytes of an .exr.

@@ -108,7 +108,7 @@ impl Film {
         self.check_pixels().map_err(failed)?;
         let bytes = if png { self.encode_png(encode(self)) } else { exr::encode(self, &[], &[], None) };
         let bytes = bytes.map_err(failed)?;
-        replace(path, &|temporary| std::fs::write(temporary, &bytes).map_err(|e| e.to_string()))
+        write(path, &bytes)
     }
 
     /// Reads .exr (half or float RGB, first layer), .hdr, or .png (decoded from the encoding of
@@ -148,6 +148,14 @@ impl Film {
         image.write_to(&mut bytes, image::ImageFormat::Png).map_err(|e| e.to_string())?;
         Ok(bytes.into_inner())
     }
+}
+
+/// Writes the bytes of a file as [`replace`] does.
+///
+/// # Errors
+/// As [`replace`].
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), FilmError> {
+    replace(path, &|temporary| std::fs::write(temporary, bytes).map_err(|e| e.to_string()))
 }
 
 /// Writes a file by `write` under a temporary name, and then renames it, so that an existing file is only
