@@ -4,7 +4,6 @@
 //! Values agree within 1e-3 of the larger one (and 1e-5 absolutely), unit vectors within 1e-4. Some
 //! tolerances are wider:
 //! - plastic, 2e-3: the shader uses Mitsuba's fit of the internal reflectance, the reference integrates it;
-//! - linear textures, 2e-2 absolutely: hardware filters with 8-bit weights, and these images are noise;
 //! - lobes narrower than 0.01, 8e-3: a normal's rounding is 1e-4 of such a lobe, and D grows with its fourth
 //!   power.
 
@@ -26,7 +25,6 @@ use lightsheaf::scene::*;
 
 const TOLERANCE: f32 = 1e-3;
 const PLASTIC: f32 = 2e-3;
-const FILTERED: f32 = 2e-2;
 const NARROW: f32 = 8e-3;
 const TINY: f32 = 1e-5;
 const SURFACE: u32 = 0;
@@ -310,7 +308,7 @@ fn coats() {
     (scene.images, scene.textures) = (textures.images, textures.textures);
     let flags = [Flag::Glossy, Flag::Coat, Flag::Textures];
     let [values, ..] = surfaces(gpu, &scene, &flags, 0.25, &mut random);
-    compare("textured coats", FILTERED, &from_one(&values));
+    compare("textured coats", TOLERANCE, &from_one(&values));
 }
 
 /// The albedo that scales the base is interpolated between integrals by two quadratures.
@@ -365,7 +363,7 @@ fn films() {
             if textured { &[Flag::Glossy, Flag::Film, Flag::Textures] } else { &[Flag::Glossy, Flag::Film] };
         let [values, ..] = surfaces(gpu, &scene, flags, 1e-2, &mut random);
         if textured {
-            compare("films by textures", FILTERED, &from_one(&values));
+            compare("films by textures", TOLERANCE, &from_one(&values));
         } else {
             compare("films", PHASE, &values);
             let [bare, ..] = surfaces(gpu, &scene, &[Flag::Glossy], 1e-2, &mut random);
@@ -411,7 +409,7 @@ fn stretched_lobes() {
     let mut scene = scene_of(materials, false, &mut random);
     (scene.images, scene.textures) = (textures.images, textures.textures);
     let [values, ..] = surfaces(gpu, &scene, &flags, 0.25, &mut random);
-    compare("stretch by a texture", FILTERED, &from_one(&values));
+    compare("stretch by a texture", TOLERANCE, &from_one(&values));
 }
 
 #[test]
@@ -513,8 +511,8 @@ fn textures() {
     let pairs = |pick: fn(Vec4) -> Vec3| -> Vec<_> {
         answers.iter().zip(&expected).map(|(a, (e, text))| (pick(a.value), pick(*e), text.clone())).collect()
     };
-    compare("colours", FILTERED, &from_one(&pairs(Vec4::truncate)));
-    compare("alpha", FILTERED, &from_one(&pairs(|v| Vec3::splat(v.w))));
+    compare("colours", TOLERANCE, &from_one(&pairs(Vec4::truncate)));
+    compare("alpha", TOLERANCE, &from_one(&pairs(|v| Vec3::splat(v.w))));
 }
 
 #[test]
@@ -558,8 +556,8 @@ fn textured_surfaces() {
     let [values, emission, ng, ns] = surfaces(gpu, &scene, &[Flag::Glossy, Flag::Textures], 0.25, &mut random);
     compare_normals("geometric normals", 1e-4, &ng);
     compare_normals("shading normals", 0.2, &ns);
-    compare("emission", FILTERED, &from_one(&emission));
-    compare("reflection", FILTERED, &from_one(&values));
+    compare("emission", TOLERANCE, &from_one(&emission));
+    compare("reflection", TOLERANCE, &from_one(&values));
     let bent = ng.iter().zip(&ns).filter(|(g, s)| g.0.dot(s.0) < 0.9).count();
     assert!(bent > 500, "normal maps do nothing: {bent}");
 }

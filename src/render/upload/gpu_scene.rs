@@ -9,7 +9,7 @@ use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::records;
 use crate::render::upload::sheen;
 use crate::render::upload::tables::{Table, TableData, Tables};
-use crate::render::upload::textures::{Atlas, Textures, texture, upload_map};
+use crate::render::upload::textures::{Atlas, as_array, texture, upload_map};
 use crate::render::upload::vertices::{Capacity, VertexData, triangles, triangles_of};
 use crate::render::visibility::tracer::{TracedScene, Tracer, Tracing};
 use crate::render::visibility::view::PROJECTED_TRIANGLE_BYTES;
@@ -34,7 +34,7 @@ pub struct GpuScene {
     pub attributes: wgpu::Buffer,
     /// Triangles, materials and lights.
     tables: Tables,
-    textures: Option<Textures>,
+    texels: Option<wgpu::TextureView>,
     /// True if vertices have tangents and texture coordinates.
     textured: bool,
     environment_map: Option<wgpu::TextureView>,
@@ -107,8 +107,8 @@ impl GpuScene {
         let mut bytes =
             [&positions, &attributes, &tables.buffer, &tables.rows, &lighting].map(wgpu::Buffer::size).iter().sum();
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
-        let textures = atlas.finish(gpu);
-        bytes += textures.as_ref().map_or(0, |_| atlas.bytes);
+        let texels = atlas.view();
+        bytes += texels.as_ref().map_or(0, |_| atlas.bytes);
         let mut this = Self {
             triangles: triangles.len() as u32,
             capacity,
@@ -120,7 +120,7 @@ impl GpuScene {
             tracer: None,
             attributes,
             tables,
-            textures,
+            texels,
             environment_map,
             lighting,
             textured,
@@ -137,9 +137,8 @@ impl GpuScene {
                 texel.create_view(&Default::default())
             });
         }
-        if flags.contains(&Flag::Textures) && self.textures.is_none() {
-            let texels = texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1]);
-            self.textures = Some(Textures::new(gpu, &texels));
+        if flags.contains(&Flag::Textures) && self.texels.is_none() {
+            self.texels = Some(as_array(&texture(gpu, "texels", wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1])));
         }
     }
 
@@ -162,13 +161,7 @@ impl GpuScene {
             ("table_rows", self.tables.rows.as_entire_binding()),
             ("lighting", self.lighting.as_entire_binding()),
         ];
-        if let Some(textures) = &self.textures {
-            all.extend([
-                ("texels", wgpu::BindingResource::TextureView(&textures.texels)),
-                ("texels_srgb", wgpu::BindingResource::TextureView(&textures.texels_srgb)),
-                ("bilinear", wgpu::BindingResource::Sampler(&textures.bilinear)),
-            ]);
-        }
+        all.extend(self.texels.iter().map(|t| ("texels", wgpu::BindingResource::TextureView(t))));
         all.extend(self.environment_map.iter().map(|m| ("environment_map", wgpu::BindingResource::TextureView(m))));
         all.extend(self.tracer.iter().flat_map(Tracer::bindings));
         all.extend_from_slice(own);

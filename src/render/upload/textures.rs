@@ -10,13 +10,6 @@ use crate::render::layouts::index::NONE;
 use crate::render::layouts::texture_flags::{LINEAR, SECOND_UV, SRGB};
 use crate::scene::{Color, EnvironmentMap, Filter, Image, NormalMap, Scalar, Scene, TextureRef, Wrap};
 
-/// The texture array.
-pub(super) struct Textures {
-    pub(super) texels: wgpu::TextureView,
-    pub(super) texels_srgb: wgpu::TextureView,
-    pub(super) bilinear: wgpu::Sampler,
-}
-
 /// Uploads an environment map as a texture.
 pub(super) fn upload_map(gpu: &Gpu, map: &EnvironmentMap) -> Result<wgpu::TextureView, GpuError> {
     let [width, height] = [map.width, map.height];
@@ -32,26 +25,12 @@ pub(super) fn upload_map(gpu: &Gpu, map: &EnvironmentMap) -> Result<wgpu::Textur
     Ok(texels.create_view(&Default::default()))
 }
 
-impl Textures {
-    pub(super) fn new(gpu: &Gpu, array: &wgpu::Texture) -> Self {
-        let view = |format| {
-            array.create_view(&wgpu::TextureViewDescriptor {
-                format: Some(format),
-                dimension: Some(wgpu::TextureViewDimension::D2Array),
-                ..Default::default()
-            })
-        };
-        Self {
-            texels: view(wgpu::TextureFormat::Rgba8Unorm),
-            texels_srgb: view(wgpu::TextureFormat::Rgba8UnormSrgb),
-            bilinear: gpu.device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("bilinear"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
-        }
-    }
+/// Returns a view of a texture as an array, also if it has one layer.
+pub(super) fn as_array(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
 }
 
 /// Uploads a table of numbers as a texture.
@@ -77,11 +56,7 @@ pub fn texture(
         dimension: wgpu::TextureDimension::D2,
         format,
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
-        view_formats: if format == wgpu::TextureFormat::Rgba8Unorm {
-            &[wgpu::TextureFormat::Rgba8UnormSrgb]
-        } else {
-            &[]
-        },
+        view_formats: &[],
     })
 }
 
@@ -185,9 +160,9 @@ impl Atlas {
         })
     }
 
-    /// Returns the resources that passes bind; None without images.
-    pub(super) fn finish(&self, gpu: &Gpu) -> Option<Textures> {
-        self.texture.as_ref().map(|array| Textures::new(gpu, array))
+    /// Returns what passes bind; None without images.
+    pub(super) fn view(&self) -> Option<wgpu::TextureView> {
+        self.texture.as_ref().map(as_array)
     }
 
     /// Returns the uses of textures by materials.
