@@ -10,8 +10,8 @@ macro_rules! flags {
             /// All flags.
             pub const ALL: &[Self] = &[$(Self::$flag,)*];
 
-            /// Flags of layers on top of materials, and of stretched lobes.
-            pub const LAYERS: [Self; 4] = [Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
+            /// Flags of layers on top of materials, of stretched lobes and of diffuse transmission.
+            pub const LAYERS: [Self; 5] = [Self::DiffuseTransmission, Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
 
             /// Returns the name in shaders.
             #[must_use]
@@ -35,6 +35,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Diffuse bases pass light. Needs TRANSMISSION.
+    DiffuseTransmission = "DIFFUSE_TRANSMISSION",
     /// Thin films tint reflections.
     Film = "FILM",
     /// Lobes are wider along a tangent than across it. Needs TEXTURES, with which vertices have tangents.

@@ -44,6 +44,8 @@ pub enum Bsdf {
         transmission: f32,
         /// Index of refraction on the far side relative to the viewer's; 1 transmits without refraction.
         bend: f32,
+        /// Share of the diffuse base that passes light, and the colour of that light.
+        diffuse_transmission: (f32, Vec3),
         /// Thin film that tints reflections.
         film: Option<Film>,
     },
@@ -101,12 +103,19 @@ struct Shares {
     passed: Vec3,
     /// Albedo of the diffuse base, attenuated by the facet.
     diffuse: Vec3,
+    /// Share that the diffuse base passes, attenuated likewise.
+    behind: Vec3,
 }
 
 impl Shares {
-    /// Returns the probability of sampling a facet instead of the cosine lobe.
+    /// Returns the probability of sampling a facet instead of a cosine lobe.
     fn of_facets(&self) -> f32 {
-        share(self.reflected + self.passed, self.diffuse)
+        share(self.reflected + self.passed, self.diffuse + self.behind)
+    }
+
+    /// Returns the probability that a sampled cosine lobe is the one behind the surface.
+    fn of_behind(&self) -> f32 {
+        if self.behind == Vec3::ZERO { 0.0 } else { share(self.behind, self.diffuse) }
     }
 
     /// Returns the probability that a sampled facet reflects.
@@ -169,6 +178,9 @@ impl Bsdf {
                     transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
                     // An opaque surface has no interior. glTF's indices below 1 request full reflection.
                     bend: if sheet || !material.bsdf.transmits() { 1.0 } else { beyond(ior.max(1.0)) },
+                    diffuse_transmission: material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
+                        (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
+                    }),
                     film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),
                 }
             }
@@ -203,15 +215,17 @@ impl Bsdf {
     /// facet at the normal.
     #[must_use]
     pub fn albedo(&self, wo: Vec3) -> Vec3 {
-        let Shares { reflected, passed, diffuse } = self.shares(wo.z);
-        reflected + passed + diffuse
+        let Shares { reflected, passed, diffuse, behind } = self.shares(wo.z);
+        reflected + passed + diffuse + behind
     }
 
     /// Returns true if the surface transmits light.
     #[must_use]
     pub fn transmits(&self) -> bool {
         match *self {
-            Self::MetallicRoughness { transmission, .. } => transmission > 0.0,
+            Self::MetallicRoughness { transmission, diffuse_transmission: (share, _), .. } => {
+                transmission + share > 0.0
+            }
             Self::Dielectric { .. } => true,
             _ => false,
         }
@@ -240,10 +254,14 @@ impl Bsdf {
             let Self::Diffuse { albedo } = self else { return (Vec3::ZERO, 0.0) };
             return (*albedo * cosine_pdf_w, cosine_pdf_w);
         };
-        let p = self.shares(wo.z).of_facets();
+        let head_on = self.shares(wo.z);
+        let (p, behind) = (head_on.of_facets(), head_on.of_behind());
         if wi.z < 0.0 {
             let (value, pdf_w) = self.evaluate_passing(wo, wi, Width { alpha, stretch });
-            return (value, p * pdf_w);
+            // The facets above the base are those that reflect wi, mirrored.
+            let h = (wo + wi.with_z(-wi.z)).normalize();
+            let diffuse = self.shares(h.dot(wo).max(0.0)).behind * -cosine_pdf_w;
+            return (value + diffuse, p * pdf_w + (1.0 - p) * behind * -cosine_pdf_w);
         }
         let h = (wo + wi).normalize();
         let shares = self.shares(h.dot(wo).max(0.0));
@@ -254,7 +272,7 @@ impl Bsdf {
             _ => shares.diffuse,
         };
         let mut value = diffuse * cosine_pdf_w;
-        let mut pdf_w = (1.0 - p) * cosine_pdf_w;
+        let mut pdf_w = (1.0 - p) * (1.0 - behind) * cosine_pdf_w;
         if alpha >= SMOOTH {
             let width = Width { alpha, stretch };
             // D G F / (4 cos_o cos_i), times cos_i.
@@ -311,11 +329,13 @@ impl Bsdf {
             (pdf_w > 0.0).then(|| Sample { wi, weight: value / pdf_w, pdf_w: Some(pdf_w), eta })
         };
         let Some(alpha) = self.alpha() else { return rough(cosine_hemisphere(u), 1.0) };
-        let p = self.shares(wo.z).of_facets();
+        let head_on = self.shares(wo.z);
+        let p = head_on.of_facets();
         // One random number chooses the lobe and, rescaled, samples it.
         if u.x >= p {
             u.x = ((u.x - p) / (1.0 - p)).min(1.0 - f32::EPSILON / 2.0);
-            return rough(cosine_hemisphere(u), 1.0);
+            let wi = cosine_hemisphere(u);
+            return rough(if fork < head_on.of_behind() { -wi } else { wi }, 1.0);
         }
         u.x = (u.x / p).min(1.0 - f32::EPSILON / 2.0);
         let h = if alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, Width { alpha, stretch }, u) };
@@ -381,10 +401,12 @@ impl Bsdf {
 
     /// Returns the reflectances of a facet at a cosine.
     fn shares(&self, cos: f32) -> Shares {
-        let opaque = |reflected, diffuse| Shares { reflected, passed: Vec3::ZERO, diffuse };
+        let opaque = |reflected, diffuse| Shares { reflected, passed: Vec3::ZERO, diffuse, behind: Vec3::ZERO };
         match *self {
             Self::Diffuse { albedo } => opaque(Vec3::ZERO, albedo),
-            Self::MetallicRoughness { base, metallic, f0, f90, transmission, bend, film, .. } => {
+            Self::MetallicRoughness {
+                base, metallic, f0, f90, transmission, bend, diffuse_transmission, film, ..
+            } => {
                 // Schlick's approximation takes the cosine in the less dense medium.
                 let thinner = if bend < 1.0 { ggx::refracted_cos(cos, bend) } else { cos };
                 let grazing = schlick_weight(thinner);
@@ -395,11 +417,19 @@ impl Bsdf {
                     dielectric = film.tint(dielectric, f0, thinner);
                     metal = film.tint(metal, base, thinner);
                 }
-                let under = base * ((1.0 - metallic) * (1.0 - dielectric.max_element()));
+                let below = (1.0 - metallic) * (1.0 - dielectric.max_element());
+                // Both sides of a surface that refracts have the same facets for light that the base passes.
+                let either = if bend == 1.0 {
+                    below
+                } else {
+                    (1.0 - metallic) * (1.0 - (f0 + (f90 - f0) * schlick_weight(cos)).max_element())
+                };
+                let (share, color) = diffuse_transmission;
                 Shares {
                     reflected: dielectric + (metal - dielectric) * metallic,
-                    passed: under * transmission,
-                    diffuse: under * (1.0 - transmission),
+                    passed: base * below * transmission,
+                    diffuse: base * below * ((1.0 - transmission) * (1.0 - share)),
+                    behind: color * either * ((1.0 - transmission) * share),
                 }
             }
             Self::Conductor { fresnel, specular, .. } => {
@@ -422,6 +452,7 @@ impl Bsdf {
                     reflected: reflection * reflectance,
                     passed: transmission * (1.0 - reflectance),
                     diffuse: Vec3::ZERO,
+                    behind: Vec3::ZERO,
                 }
             }
         }

@@ -181,7 +181,7 @@ impl Reference<'_> {
         let material = self.surfaces.material(hit.triangle);
         vertex == 0
             && material.sides == Sides::OneCulled
-            && !material.bsdf.transmits()
+            && !material.transmits()
             && self.surfaces.normals[hit.triangle as usize].dot(direction) >= 0.0
     }
 

@@ -85,7 +85,7 @@ impl Surface<'_> {
     pub fn media(&self, viewer: Vec3) -> [Vec3; 2] {
         let (_, material) = self.material;
         match material.boundary {
-            Boundary::Volume { absorption } if material.bsdf.transmits() => {
+            Boundary::Volume { absorption } if material.transmits() => {
                 if self.front {
                     [viewer, absorption]
                 } else {
@@ -233,7 +233,7 @@ impl<'s> Surfaces<'s> {
     #[must_use]
     pub fn bsdf(&self, surface: &Surface) -> Option<Layered> {
         let (index, material) = surface.material;
-        let counts = surface.front || material.sides == Sides::Two || material.bsdf.transmits();
+        let counts = surface.front || material.sides == Sides::Two || material.transmits();
         let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
         let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
         counts.then(base).map(|base| Layered {

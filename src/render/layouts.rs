@@ -222,6 +222,8 @@ layouts! {
         film_thickness: [f32; 2],
         film: f32,
         film_ior: f32,
+        diffuse_transmission_color: [f32; 3],
+        diffuse_transmission: f32,
         anisotropy: f32,
         pad0: u32,
         pad1: u32,
@@ -535,6 +537,7 @@ impl LightVertex {
     pub fn bytes(flags: &[Flag]) -> usize {
         let bytes = |flag, bytes: usize| if flags.contains(&flag) { bytes } else { 0 };
         size_of::<Self>()
+            + bytes(Flag::DiffuseTransmission, 16)
             + bytes(Flag::Film, 16)
             + bytes(Flag::Anisotropy, 16)
             + bytes(Flag::Sheen, 16)
@@ -621,7 +624,7 @@ constants! {
     /// Rows of records in tables.
     mod rows_of_scene in "lib/scene/scene" {
         MATERIAL_ROWS = 8,
-        LAYERS_ROWS = 4,
+        LAYERS_ROWS = 5,
     }
 
     /// As [`rows_of_scene`].
@@ -678,13 +681,15 @@ constants! {
         OF_FILM = 128,
         OF_FILM_THICKNESS = 256,
         OF_OPACITY = 512,
-        OF_BASE = 1024,
-        OF_EMISSION = 2048,
-        OF_SPECULAR = 4096,
-        OF_SHEEN = 8192,
-        OF_NORMAL = 16384,
-        OF_COAT_NORMAL = 32768,
-        OF_ANISOTROPY = 65536,
+        OF_DIFFUSE_TRANSMISSION = 1024,
+        OF_BASE = 2048,
+        OF_EMISSION = 4096,
+        OF_SPECULAR = 8192,
+        OF_SHEEN = 16384,
+        OF_NORMAL = 32768,
+        OF_COAT_NORMAL = 65536,
+        OF_ANISOTROPY = 131072,
+        OF_DIFFUSE_TRANSMISSION_COLOR = 262144,
     }
 
     /// Values of [`View::kind`]. Views of kind `EMPTY` have no triangles.

@@ -93,7 +93,7 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     }
     reference.look(camera.clone());
     // Light of a lamp behind glass has passed two surfaces when it is first reflected.
-    let bounces = Some(if scene.materials.iter().any(|m| m.bsdf.transmits()) { 5 } else { 1 });
+    let bounces = Some(if scene.materials.iter().any(|m| m.transmits()) { 5 } else { 1 });
     let settings = ReferenceSettings { width: SIDE, height: SIDE, samples: SAMPLES, bounces, seed: 1, camera: 0 };
     let picture = reference.render(&settings, &|_, _| ()).film;
     let rays = camera::rays(camera, [SIDE, SIDE], [SIDE, SIDE]);

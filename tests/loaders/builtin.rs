@@ -280,7 +280,7 @@ fn glass_is_left_out_where_no_method_follows_it() {
     scene.meshes[0].material = scene.materials.len() - 1;
     let opaque = scene.clone().without_glass();
     assert!(opaque.warnings.len() == 1 && opaque.warnings[0].contains("opaque: `pane`"), "{:?}", opaque.warnings);
-    assert!(opaque.materials.iter().all(|m| !m.bsdf.transmits()));
+    assert!(opaque.materials.iter().all(|m| !m.transmits()));
     assert_eq!(opaque.instances.len(), scene.instances.len());
 }
 

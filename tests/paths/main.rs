@@ -127,6 +127,12 @@ fn films_agree_with_the_reference() {
 }
 
 #[test]
+fn diffuse_transmission_agrees_with_the_reference() {
+    agrees("leaves", &scenes::leaves(), SIDE, 3);
+    shared_agrees("leaves", &scenes::leaves(), 2);
+}
+
+#[test]
 fn transmission_agrees_with_the_reference() {
     agrees("transmitting", &scenes::transmitting(), SIDE, 5);
 }

@@ -139,7 +139,7 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("glass", scenes::glass(0.4, 1.5, clear)),
         ("sheet", scenes::glass(0.4, 1.5, Boundary::Sheet)),
     ];
-    let transmits = |m: &Material| m.bsdf.transmits();
+    let transmits = |m: &Material| m.transmits();
     let cases: Vec<_> = materials
         .iter()
         .flat_map(|(name, material)| {

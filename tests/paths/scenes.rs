@@ -2,9 +2,9 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Film, Filter, Fresnel, Image, Lamp, Lens, Light, Mapping,
-    Material, Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap,
-    builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Emission, Film, Filter, Fresnel, Image, Lamp, Lens,
+    Light, Mapping, Material, Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture,
+    TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -183,6 +183,27 @@ pub fn coats() -> Scene {
         coated(0.0, gltf(0.5, 0.5, 0.0, Boundary::Sheet)),
     ]);
     lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a material whose diffuse base passes light.
+pub fn translucent(share: f32, material: Material) -> Material {
+    let color = Vec3::new(0.4, 0.9, 0.3).into();
+    let diffuse_transmission = Some(DiffuseTransmission { share: share.into(), color });
+    Material { diffuse_transmission, ..material }
+}
+
+/// Returns lamp shades, one with a smooth coat, one with facets that pass light, and a leaf before the lamp.
+pub fn leaves() -> Scene {
+    let mut scene = balls([
+        translucent(1.0, gltf(0.0, 0.0, 0.0, Boundary::Sheet)),
+        translucent(0.7, gltf(0.4, 0.0, 0.0, Boundary::Sheet)),
+        translucent(0.5, gltf(0.5, 0.0, 0.5, Boundary::Volume { absorption: Vec3::splat(0.5) })),
+        coated(0.3, translucent(0.6, gltf(0.4, 0.3, 0.0, Boundary::Sheet))),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    let leaf = quad(Vec3::new(-0.9, -0.9, -0.7), Vec3::new(0.7, 0.0, -0.2), Vec3::Y * 1.2);
+    add(&mut scene, leaf, translucent(0.8, gltf(0.8, 0.0, 0.0, Boundary::Sheet)));
     scene
 }
 

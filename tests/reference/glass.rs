@@ -152,6 +152,7 @@ fn a_light_behind_a_rough_sheet_shines_through() {
         f90: 1.0,
         transmission: 1.0,
         bend: 1.0,
+        diffuse_transmission: (0.0, Vec3::ZERO),
         film: None,
     };
     let expected = model.evaluate(Vec3::Z, toward_light).0 * 5.0;

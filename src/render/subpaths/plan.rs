@@ -58,7 +58,7 @@ impl PathPlan {
         Self {
             passes: passes(stats, settings, light_sampling, runs),
             tracing,
-            flags: [flags(scene, stats, settings, light_sampling).as_slice(), tracing.flags()].concat(),
+            flags: [flags(stats, settings, light_sampling).as_slice(), tracing.flags()].concat(),
             bounces,
             light_sampling,
             group: group as u32,
@@ -78,11 +78,13 @@ fn light_sampling(scene: &Scene, stats: &SceneStats, settings: &Settings) -> Lig
 }
 
 /// Returns the flags of the shaders.
-fn flags(scene: &Scene, stats: &SceneStats, settings: &Settings, light_sampling: LightSampling) -> Vec<Flag> {
+fn flags(stats: &SceneStats, settings: &Settings, light_sampling: LightSampling) -> Vec<Flag> {
     let glossy = stats.glossy_triangles > 0;
+    let transmits = glossy && stats.transmits;
     let own = chosen([
         (Flag::Specular, glossy),
-        (Flag::Transmission, glossy && scene.materials.iter().any(|m| m.bsdf.transmits())),
+        (Flag::Transmission, transmits),
+        (Flag::DiffuseTransmission, transmits && stats.diffuse_transmission),
         (Flag::LightPaths, settings.method() == Method::Bdpt),
         (Flag::LightTree, light_sampling.has_tree()),
         (Flag::Reservoirs, light_sampling.resamples()),

@@ -7,9 +7,9 @@ use crate::render::layouts::material_flags::{
     BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
 };
 use crate::render::layouts::texture_purpose::{
-    OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_EMISSION, OF_FILM, OF_FILM_THICKNESS,
-    OF_METALLIC, OF_NORMAL, OF_OPACITY, OF_ROUGHNESS, OF_SHEEN, OF_SHEEN_ROUGHNESS, OF_SPECULAR, OF_SPECULAR_FACTOR,
-    OF_TRANSMISSION,
+    OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_DIFFUSE_TRANSMISSION,
+    OF_DIFFUSE_TRANSMISSION_COLOR, OF_EMISSION, OF_FILM, OF_FILM_THICKNESS, OF_METALLIC, OF_NORMAL, OF_OPACITY,
+    OF_ROUGHNESS, OF_SHEEN, OF_SHEEN_ROUGHNESS, OF_SPECULAR, OF_SPECULAR_FACTOR, OF_TRANSMISSION,
 };
 use crate::render::upload::textures::Atlas;
 use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
@@ -55,7 +55,7 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
             Opacity::Blended { .. } => out.flags |= MASKED | BLENDED,
         }
     }
-    if m.bsdf.transmits() {
+    if m.transmits() {
         out.flags |= TRANSMITS;
         match m.boundary {
             Boundary::Sheet => out.flags |= SHEET,
@@ -64,7 +64,7 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
     }
     out.flags |= match m.sides {
         // Transmissive surfaces have two sides.
-        _ if m.bsdf.transmits() => TWO_SIDED,
+        _ if m.transmits() => TWO_SIDED,
         Sides::Two => TWO_SIDED,
         Sides::One => 0,
         Sides::OneCulled => CULLED,
@@ -75,6 +75,10 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
 /// Returns the record of the layers on top of a material, and adds their textures to the atlas.
 fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
     let mut out = layouts::Layers::default();
+    if let Some(passing) = &m.diffuse_transmission {
+        out.diffuse_transmission = atlas.scalar(scene, &passing.share, OF_DIFFUSE_TRANSMISSION).0;
+        out.diffuse_transmission_color = atlas.color(scene, &passing.color, OF_DIFFUSE_TRANSMISSION_COLOR).0;
+    }
     if let Some(film) = &m.film {
         out.film = atlas.scalar(scene, &film.strength, OF_FILM).0;
         (out.film_ior, out.film_thickness) = (film.ior, film.thickness);

@@ -140,8 +140,7 @@ impl Bsdf {
         width.texture.is_none().then_some((alpha, fresnel))
     }
 
-    /// Returns true if the surface transmits light anywhere. Such a surface is two-sided, independent of
-    /// [`Sides`].
+    /// Returns true if facets transmit light anywhere.
     #[must_use]
     pub fn transmits(&self) -> bool {
         match self {
@@ -220,6 +219,19 @@ pub struct Film {
     pub thickness: [f32; 2],
     /// Texture of the thickness, and its channel.
     pub thickness_texture: Option<(TextureRef, u32)>,
+}
+
+/// Light that the diffuse base of a [`Bsdf::MetallicRoughness`] scatters to its other side, as leaves and lamp shades
+/// do (KHR_materials_diffuse_transmission).
+///
+/// The base reflects 1 - s of what it did, and transmits s color / pi times what the facets above it, which are those
+/// of either side, do not reflect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DiffuseTransmission {
+    /// Share s of the base.
+    pub share: Scalar,
+    /// Colour of the transmitted light.
+    pub color: Color,
 }
 
 /// Stretch of a material's GGX lobe along a tangent (KHR_materials_anisotropy): its width there is mix(alpha, 1,
@@ -334,6 +346,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
     pub normal_map: Option<NormalMap>,
+    /// Light that the diffuse base passes, if any.
+    pub diffuse_transmission: Option<DiffuseTransmission>,
     /// Thin film on the base, if any.
     pub film: Option<Film>,
     /// Stretch of the BSDF's lobe; none for a round lobe.
@@ -358,6 +372,7 @@ impl Material {
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
             emission: None,
             normal_map: None,
+            diffuse_transmission: None,
             film: None,
             anisotropy: None,
             sheen: None,
@@ -366,6 +381,13 @@ impl Material {
             sides: Sides::Two,
             boundary: Boundary::Volume { absorption: Vec3::ZERO },
         }
+    }
+
+    /// Returns true if light passes the surface anywhere, by its facets or its diffuse base. Such a surface is two-sided,
+    /// independent of [`Sides`].
+    #[must_use]
+    pub fn transmits(&self) -> bool {
+        self.bsdf.transmits() || self.diffuse_transmission.is_some()
     }
 
     /// Returns true if the surface does more than reflect diffusely.

@@ -86,7 +86,7 @@ impl Scene {
     /// Returns whether a visible surface transmits light.
     #[must_use]
     pub fn transmits(&self) -> bool {
-        self.instances.iter().any(|i| self.materials[self.meshes[i.mesh].material].bsdf.transmits())
+        self.instances.iter().any(|i| self.materials[self.meshes[i.mesh].material].transmits())
     }
 
     /// Removes glass and makes glTF's transmission opaque, for methods that cannot trace light through
@@ -102,7 +102,7 @@ impl Scene {
             used.map(|m| format!("`{}`", m.name)).collect::<Vec<_>>().join(", ")
         };
         let methods = "`--method ray-query` and `reference` render transmission";
-        let [left_out, opaque] = [shown(&glass), shown(&|m| !glass(m) && m.bsdf.transmits())];
+        let [left_out, opaque] = [shown(&glass), shown(&|m| !glass(m) && m.transmits())];
         if !left_out.is_empty() {
             self.warn(format!("surfaces of glass are left out: {left_out}; {methods}"));
         }
@@ -115,6 +115,7 @@ impl Scene {
             if let Bsdf::MetallicRoughness { transmission, .. } = &mut material.bsdf {
                 *transmission = 0.0.into();
             }
+            material.diffuse_transmission = None;
         }
         self
     }

@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if the diffuse base of any surface passes light.
+    pub diffuse_transmission: bool,
     /// True if any surface has a thin film.
     pub films: bool,
     /// True if any surface has a stretched lobe.
@@ -129,7 +131,8 @@ impl SceneStats {
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
-            transmits: count(&|m| m.bsdf.transmits()) > 0,
+            transmits: count(&|m| m.transmits()) > 0,
+            diffuse_transmission: count(&|m| m.diffuse_transmission.is_some()) > 0,
             films: count(&|m| m.film.is_some()) > 0,
             anisotropic: count(&|m| m.anisotropy.is_some()) > 0,
             sheens: count(&|m| m.sheen.is_some()) > 0,

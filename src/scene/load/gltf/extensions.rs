@@ -54,6 +54,27 @@ impl Extension for Clearcoat {
     const NAME: &str = "KHR_materials_clearcoat";
 }
 
+/// KHR_materials_diffuse_transmission.
+#[derive(Deserialize)]
+pub(super) struct DiffuseTransmission {
+    #[serde(default, rename = "diffuseTransmissionFactor")]
+    pub factor: f32,
+    #[serde(rename = "diffuseTransmissionTexture")]
+    pub texture: Option<Info>,
+    #[serde(default = "white", rename = "diffuseTransmissionColorFactor")]
+    pub color: [f32; 3],
+    #[serde(rename = "diffuseTransmissionColorTexture")]
+    pub color_texture: Option<Info>,
+}
+
+impl Extension for DiffuseTransmission {
+    const NAME: &str = "KHR_materials_diffuse_transmission";
+}
+
+fn white() -> [f32; 3] {
+    [1.0; 3]
+}
+
 /// KHR_materials_sheen.
 #[derive(Deserialize)]
 pub(super) struct Sheen {

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, Emission, Film, Filter, Image, LoadError, Material, NormalMap, Opacity,
-    Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Emission, Film, Filter, Image, LoadError, Material,
+    NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -83,6 +83,8 @@ impl Materials {
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
         let normal_map = self.normal_map(file, scene, &at("normalTexture"), file.normal_maps.get(&index))?;
+        let diffuse_transmission = self.diffuse_transmission(file, scene, &place, material)?;
+        transmits |= diffuse_transmission.is_some();
         let film = self.film(file, scene, &place, material)?;
         let anisotropy = self.anisotropy(file, scene, &place, material)?;
         let sheen = self.sheen(file, scene, &place, material)?;
@@ -97,6 +99,7 @@ impl Materials {
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
+            diffuse_transmission,
             film,
             anisotropy,
             sheen,
@@ -201,6 +204,25 @@ impl Materials {
             transmission: 0.0.into(),
         };
         Ok(Base { bsdf, base_color, alpha: Scalar { factor: factor.w, texture: base_color.texture.map(|t| (t, 3)) } })
+    }
+
+    /// Converts KHR_materials_diffuse_transmission.
+    fn diffuse_transmission(
+        &mut self,
+        file: &File,
+        scene: &mut Scene,
+        place: &str,
+        material: &JsonMaterial,
+    ) -> Result<Option<DiffuseTransmission>, LoadError> {
+        let Some((place, json)) = extensions::of::<extensions::DiffuseTransmission>(file, place, material)? else {
+            return Ok(None);
+        };
+        check_units(file, scene, &format!("{place}.diffuseTransmissionColorFactor"), json.color)?;
+        let factor = Vec3::from(json.color).clamp(Vec3::ZERO, Vec3::ONE);
+        let color = Color { factor, texture: self.plain_texture(file, scene, &place, &json.color_texture, true)? };
+        let factor = ("diffuseTransmissionFactor", json.factor);
+        let share = self.scalar(file, scene, &place, factor, &json.texture, 3)?;
+        Ok((share.factor > 0.0).then_some(DiffuseTransmission { share, color }))
     }
 
     /// Converts KHR_materials_iridescence.
