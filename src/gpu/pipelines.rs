@@ -20,6 +20,9 @@ pub(super) type Functions = Arc<OnceLock<BTreeSet<String>>>;
 /// Pipelines by shader, flags and targets.
 type Cache<P> = Mutex<HashMap<String, Arc<Pipeline<P>>>>;
 
+/// Creates a pipeline from a compiled shader.
+type Create<P> = dyn Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync;
+
 /// The pipelines that were asked for.
 #[derive(Default)]
 pub(super) struct Pipelines {
@@ -137,7 +140,7 @@ pub(super) struct Pipeline<P> {
     source: Source<'static>,
     flags: Vec<Flag>,
     dump: Option<File>,
-    create: Box<dyn Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync>,
+    create: Box<Create<P>>,
     functions: Functions,
     built: OnceLock<Built<P>>,
 }
