@@ -1,12 +1,11 @@
 //! Drivers may contract a * b + c, which then is rounded once instead of twice. What has to hold to the bit does so, in
 //! whichever way they do: the functions of the shaders are evaluated as they stand, and contracted on purpose.
 
-#[path = "common/random.rs"]
-mod random;
+mod common;
 
+use common::random::Random;
 use lightsheaf::gpu::{Source, link_source};
 use naga::{BinaryOperator, Expression, Function, Handle, Literal, MathFunction, Statement};
-use random::Random;
 
 /// Which product of a sum or difference is not rounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
