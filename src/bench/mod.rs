@@ -35,7 +35,7 @@ pub use truth::Truth;
 /// Least number of turns into which a budget is divided.
 const TURNS: f64 = 32.0;
 
-/// Batch size of our renderers in samples. Larger numbers of samples are rounded down to a multiple of it.
+/// Larger numbers of samples of a turn are rounded down to a multiple of this.
 const BATCH: u64 = 8;
 
 /// Intended time of the last picture from scratch as a multiple of the budget, so that the curve reaches the

@@ -35,9 +35,6 @@ use super::view::{self, ANIMATION, GradeArgs, Turn, View, ViewArgs};
 /// Stands for the camera in names of files.
 const CAMERA: &str = "{camera}";
 
-/// Most samples between two checks of the budget.
-const ROUND: u64 = 8;
-
 /// Seconds between two checkpoints.
 const CHECKPOINTS: RangeInclusive<f64> = 1.0..=604_800.0;
 
@@ -1091,7 +1088,7 @@ impl<'a> ProgressiveRender<'a> {
         while self.samples < goal {
             let most = goal - self.samples;
             let round = match &mut self.clock {
-                Some(clock) => clock.next_round(self.samples, most.min(ROUND)),
+                Some(clock) => clock.next_round(self.samples, most),
                 None => Some(most),
             };
             let Some(round) = round else { return Ok(Some(Ending::Budget)) };

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use super::pass::Pipelines;
+use super::pipelines::Pipelines;
 use super::{Ledger, NonFinite, Timings};
 
 /// Errors of opening a device, and of the device itself.

@@ -5,7 +5,9 @@
 //! regression tests count work instead of measuring time.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
+
+use super::pipelines::Functions;
 
 /// Work that was recorded by one pass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -39,7 +41,7 @@ impl Allocated {
 pub struct Counts {
     /// Number of requests for each pipeline by label; the device creates each pipeline once.
     pub pipelines: BTreeMap<String, u64>,
-    /// Functions of these pipelines' shaders, by label.
+    /// Functions of these pipelines' shaders, by label, as far as they are linked.
     #[serde(skip)]
     pub functions: BTreeMap<String, BTreeSet<String>>,
     /// Recorded work by label of the pass.
@@ -73,18 +75,31 @@ impl Counts {
 
 /// The counts of a device, which several threads may update.
 #[derive(Default)]
-pub struct Ledger(Mutex<Counts>);
+pub struct Ledger(Mutex<State>);
+
+#[derive(Default)]
+struct State {
+    /// All counts but the functions.
+    counts: Counts,
+    /// Functions of the pipelines, by label.
+    functions: BTreeMap<String, Vec<Functions>>,
+}
 
 impl Ledger {
     /// Returns the counts so far.
     #[must_use]
     pub fn counts(&self) -> Counts {
-        self.0.lock().map(|counts| counts.clone()).unwrap_or_default()
+        let Ok(state) = self.0.lock() else { return Counts::default() };
+        let linked = |all: &Vec<Functions>| all.iter().filter_map(|f| f.get()).flatten().cloned().collect();
+        let functions = state.functions.iter().map(|(label, all)| (label.clone(), linked(all))).collect();
+        Counts { functions, ..state.counts.clone() }
     }
 
     /// Sets all counts to zero.
     pub fn reset(&self) {
-        self.write(|counts| *counts = Counts::default());
+        if let Ok(mut state) = self.0.lock() {
+            *state = State::default();
+        }
     }
 
     pub(super) fn buffer(&self, device: &wgpu::Device, descriptor: &wgpu::BufferDescriptor) -> wgpu::Buffer {
@@ -99,11 +114,13 @@ impl Ledger {
         device.create_texture(descriptor)
     }
 
-    pub(super) fn pipeline(&self, label: &str, functions: &BTreeSet<String>) {
-        self.write(|counts| {
-            *entry(&mut counts.pipelines, Some(label)) += 1;
-            entry(&mut counts.functions, Some(label)).extend(functions.iter().cloned());
-        });
+    pub(super) fn pipeline(&self, label: &str, functions: &Functions) {
+        let Ok(mut state) = self.0.lock() else { return };
+        *entry(&mut state.counts.pipelines, Some(label)) += 1;
+        let all = entry(&mut state.functions, Some(label));
+        if !all.iter().any(|known| Arc::ptr_eq(known, functions)) {
+            all.push(Arc::clone(functions));
+        }
     }
 
     pub(super) fn acceleration_structure(&self, label: Option<&str>) {
@@ -123,8 +140,8 @@ impl Ledger {
     }
 
     fn write(&self, change: impl FnOnce(&mut Counts)) {
-        if let Ok(mut counts) = self.0.lock() {
-            change(&mut counts);
+        if let Ok(mut state) = self.0.lock() {
+            change(&mut state.counts);
         }
     }
 }

@@ -10,6 +10,7 @@ mod flags;
 mod ledger;
 mod non_finite;
 mod pass;
+mod pipelines;
 mod readback;
 mod shaders;
 mod timing;

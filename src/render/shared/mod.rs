@@ -37,8 +37,8 @@ use crate::render::upload::gpu_scene::GpuScene;
 use crate::scene::{Camera, Geometry, Scene, SceneStats};
 use crate::settings::{LightSampling, OnlyStrategy, Settings, Strategies, Visibility, VisibilityFrom};
 
-/// Most iterations of a batch; the log has 32 bits for them.
-const BATCH: u64 = 8;
+/// Most iterations of a batch: the log has a bit for each of them.
+const BATCH: u64 = 32;
 
 /// The data of a scene that is computed on the CPU.
 struct Prepared {
@@ -145,15 +145,16 @@ impl<'gpu> SharedRenderer<'gpu> {
         let Prepared { geometry, camera, plan, lights, stats } = Prepared::new(gpu, scene, geometry, settings, forced)?;
         let flags = [plan.surface_flags.as_slice(), &plan.light_flags].concat();
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &lights, &flags)?;
+        let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
+        let directions = environment.and_then(BundleDirections::new);
+        // Its pipelines are compiled while the scene is refined, and rasterized into a grid.
+        let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
         let mut deformer = Deformer::default();
         deformer.refine(gpu, &gpu_scene, scene, &geometry, &sources)?;
         if let Some(tracing) = plan.tracing {
             gpu_scene.trace_with(gpu, tracing, scene, &geometry).await?;
         }
         deformer.keep(geometry, sources);
-        let environment = scene.environment.as_ref().filter(|_| plan.sky_bundles);
-        let directions = environment.and_then(BundleDirections::new);
-        let frame = Frame::new(gpu, &gpu_scene, &plan, settings, directions);
         let mut this = Self {
             gpu,
             stats: RenderStats { scene_bytes: gpu_scene.bytes + deformer.bytes(), ..Default::default() },
@@ -172,6 +173,7 @@ impl<'gpu> SharedRenderer<'gpu> {
             warnings: warnings(scene, settings),
         };
         this.learn_view().await?;
+        gpu.finish_pipelines();
         gpu.check()?;
         Ok(this)
     }

@@ -34,7 +34,7 @@ use crate::scene::{Camera, Geometry, Projection, Scene, SceneStats};
 use crate::settings::{LightSampling, Method, OnlyStrategy, RestirBias, Settings};
 
 /// Most samples of a batch.
-const BATCH: u64 = 8;
+const BATCH: u64 = 64;
 
 /// Buffers that all pixels share (shaders/lib/paths/paths.wesl).
 struct Shared {
@@ -136,6 +136,15 @@ impl<'gpu> PathRenderer<'gpu> {
         let (geometry, sources) = Geometry::with_sources(scene);
         let Prepared { geometry, plan, table, constants, uniform } = Prepared::new(gpu, scene, geometry, settings)?;
         let bidirectional = settings.method() == Method::Bdpt;
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        // The pipelines are compiled while the scene is uploaded.
+        let light_paths = bidirectional.then(|| Compute::new(gpu, "subpaths/light_paths", &plan.flags));
+        let reservoirs = plan
+            .light_sampling
+            .resamples()
+            .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir));
+        let eye_paths = Compute::new(gpu, "subpaths/eye_paths", &plan.flags);
+        let resolve = Compute::new(gpu, "subpaths/resolve", &plan.flags);
         // The shaders always read the number of lights.
         let flags = [plan.flags.as_slice(), &[Flag::Punctual]].concat();
         let mut gpu_scene = GpuScene::new(gpu, scene, &geometry, &table, &flags)?;
@@ -145,15 +154,11 @@ impl<'gpu> PathRenderer<'gpu> {
         deformer.keep(geometry, sources);
         let frame = gpu.uniform::<FrameUniform>("frame");
         gpu.queue.write_buffer(&frame, 0, bytemuck::bytes_of(&uniform));
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
         let mut this = Self {
-            light_paths: bidirectional.then(|| Compute::new(gpu, "subpaths/light_paths", &plan.flags)),
-            reservoirs: plan
-                .light_sampling
-                .resamples()
-                .then(|| Reservoirs::new(gpu, &plan.flags, pixels, plan.light_sampling == LightSampling::Restir)),
-            eye_paths: Compute::new(gpu, "subpaths/eye_paths", &plan.flags),
-            resolve: Compute::new(gpu, "subpaths/resolve", &plan.flags),
+            light_paths,
+            reservoirs,
+            eye_paths,
+            resolve,
             shared: Shared { frame, paths: gpu.uniform::<layouts::Paths>("paths") },
             pixels: Pixels {
                 radiance: gpu.storage("radiance", pixels * 16),
@@ -177,6 +182,7 @@ impl<'gpu> PathRenderer<'gpu> {
             warnings: scene.warnings.clone(),
         };
         this.select_strategy(settings.only);
+        gpu.finish_pipelines();
         gpu.check()?;
         Ok(this)
     }

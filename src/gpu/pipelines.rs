@@ -1,0 +1,210 @@
+//! The pipelines of a device, each built once: shaders are linked and compiled on all threads, while whoever asked
+//! for them goes on. A browser has no threads, and compiles by itself in the background.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs::File;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock, RwLock};
+
+use super::non_finite::Floats;
+use super::shaders::{self, Source};
+use super::{Flag, Gpu, flag_names};
+
+/// Group and binding of each name.
+pub(super) type Slots = BTreeMap<String, (u32, u32)>;
+
+/// Names of a shader's functions, once it is linked.
+pub(super) type Functions = Arc<OnceLock<BTreeSet<String>>>;
+
+/// Pipelines by shader, flags and targets.
+type Cache<P> = Mutex<HashMap<String, Arc<Pipeline<P>>>>;
+
+/// Creates a pipeline from a compiled shader.
+type Create<P> = dyn Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync;
+
+/// The pipelines that were asked for.
+#[derive(Default)]
+pub(super) struct Pipelines {
+    pub(super) compute: Cache<wgpu::ComputePipeline>,
+    pub(super) raster: Cache<wgpu::RenderPipeline>,
+    /// Folder that linked shaders are written to.
+    dump: Mutex<Option<PathBuf>>,
+    /// True once the device is dropped. A thread that builds holds it for reading.
+    closed: Arc<RwLock<bool>>,
+}
+
+impl Gpu {
+    /// Writes the linked WGSL of every pipeline that is asked for from now on to a folder, which is created if
+    /// necessary: PASS.wgsl, or PASS.N.wgsl for further sets of flags. The first line names the shader and
+    /// its flags.
+    ///
+    /// # Errors
+    /// The error of the file system if the folder cannot be created.
+    pub fn dump_shaders(&self, folder: &Path) -> std::io::Result<()> {
+        std::fs::create_dir_all(folder)?;
+        if let Ok(mut dump) = self.pipelines.dump.lock() {
+            *dump = Some(folder.to_owned());
+        }
+        Ok(())
+    }
+
+    /// Waits until every pipeline that was asked for is built. Errors are those of [`Self::check`].
+    pub fn finish_pipelines(&self) {
+        let Pipelines { compute, raster, .. } = &self.pipelines;
+        finish(compute);
+        finish(raster);
+    }
+}
+
+impl Drop for Pipelines {
+    /// Waits for threads that build. Those that have not begun find their pipelines gone.
+    fn drop(&mut self) {
+        if let Ok(mut closed) = self.closed.write() {
+            *closed = true;
+        }
+    }
+}
+
+/// Builds all pipelines of a cache that no thread has begun, and waits for the others.
+fn finish<P>(cache: &Cache<P>) {
+    let pipelines: Vec<_> = cache.lock().map(|all| all.values().cloned().collect()).unwrap_or_default();
+    for pipeline in pipelines {
+        pipeline.built();
+    }
+}
+
+/// Returns the pipeline from the cache, or begins to build it by `create`. The ledger counts either request.
+pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
+    gpu: &Gpu,
+    cache: &Cache<P>,
+    (label, source, flags): (&'static str, &Source<'static>, &[Flag]),
+    targets: &str,
+    create: impl Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync + 'static,
+) -> Arc<Pipeline<P>> {
+    let sorted: BTreeSet<_> = flags.iter().collect();
+    let key = format!("{label} {} {sorted:?} {targets}", source.name());
+    let found = cache.lock().ok().and_then(|pipelines| pipelines.get(&key).cloned());
+    let pipeline = found.unwrap_or_else(|| {
+        let pipeline = Arc::new(Pipeline {
+            device: gpu.device.clone(),
+            source: *source,
+            flags: flags.to_vec(),
+            dump: dump_file(gpu, label),
+            create: Box::new(create),
+            functions: Functions::default(),
+            built: OnceLock::new(),
+        });
+        if let Ok(mut pipelines) = cache.lock() {
+            pipelines.insert(key, Arc::clone(&pipeline));
+        }
+        begin(&pipeline, &gpu.pipelines.closed);
+        pipeline
+    });
+    gpu.ledger.pipeline(label, &pipeline.functions);
+    pipeline
+}
+
+/// Builds a pipeline on another thread.
+#[cfg(not(target_family = "wasm"))]
+fn begin<P: Send + Sync + 'static>(pipeline: &Arc<Pipeline<P>>, closed: &Arc<RwLock<bool>>) {
+    let (pipeline, closed) = (Arc::downgrade(pipeline), Arc::clone(closed));
+    rayon::spawn(move || {
+        let Ok(closed) = closed.read() else { return };
+        if let Some(pipeline) = pipeline.upgrade().filter(|_| !*closed) {
+            // Whoever uses the pipeline builds it again, and has the panic.
+            let _ = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                pipeline.built();
+            }));
+        }
+    });
+}
+
+/// Builds a pipeline.
+#[cfg(target_family = "wasm")]
+fn begin<P>(pipeline: &Arc<Pipeline<P>>, _closed: &Arc<RwLock<bool>>) {
+    pipeline.built();
+}
+
+/// Creates the file of the next pipeline's linked shader, if a folder is set. Names follow the order of requests.
+fn dump_file(gpu: &Gpu, label: &str) -> Option<File> {
+    let folder = gpu.pipelines.dump.lock().ok()?.clone()?;
+    let numbered = |n: usize| if n == 0 { format!("{label}.wgsl") } else { format!("{label}.{n}.wgsl") };
+    let path = (0..1000).map(|n| folder.join(numbered(n))).find(|path| !path.exists())?;
+    File::create_new(&path).inspect_err(|error| log::warn!("{}: {error}", path.display())).ok()
+}
+
+/// A pipeline that is being built, or is built when it is first used.
+pub(super) struct Pipeline<P> {
+    device: wgpu::Device,
+    source: Source<'static>,
+    flags: Vec<Flag>,
+    dump: Option<File>,
+    create: Box<Create<P>>,
+    functions: Functions,
+    built: OnceLock<Built<P>>,
+}
+
+/// A pipeline, and naga's reflection of its shader.
+pub(super) struct Built<P> {
+    pub(super) pipeline: P,
+    pub(super) slots: Slots,
+    /// The storage variables that the shader may write and that hold floats.
+    pub(super) written: BTreeMap<String, Floats>,
+    pub(super) workgroup: [u32; 3],
+}
+
+impl<P> Pipeline<P> {
+    /// Returns the pipeline: builds it, unless a thread has begun to, which is waited for.
+    pub(super) fn built(&self) -> &Built<P> {
+        self.built.get_or_init(|| self.build())
+    }
+
+    #[expect(
+        clippy::panic,
+        reason = "a shader that does not link or parse is a bug that tests catch, not a condition to handle"
+    )]
+    /// Links, parses and compiles the shader.
+    fn build(&self) -> Built<P> {
+        let name = self.source.name();
+        let wgsl =
+            shaders::link_source(&self.source, &self.flags).unwrap_or_else(|e| panic!("shader does not link: {e}"));
+        if let Some(mut file) = self.dump.as_ref()
+            && let Err(error) = file.write_all(format!("// {name} with {}\n{wgsl}", flag_names(&self.flags)).as_bytes())
+        {
+            log::warn!("linked shader {name}: {error}");
+        }
+        let parsed =
+            naga::front::wgsl::parse_str(&wgsl).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&wgsl)));
+        self.functions.get_or_init(|| parsed.functions.iter().filter_map(|(_, f)| f.name.clone()).collect());
+        let slots = parsed
+            .global_variables
+            .iter()
+            .filter_map(|(_, v)| Some((v.name.clone()?, v.binding.map(|b| (b.group, b.binding))?)))
+            .collect();
+        let writes = |v: &naga::GlobalVariable| matches!(v.space, naga::AddressSpace::Storage { access } if access.contains(naga::StorageAccess::STORE));
+        let written = parsed
+            .global_variables
+            .iter()
+            .filter(|(_, v)| writes(v))
+            .filter_map(|(_, v)| Some((v.name.clone()?, Floats::of(&parsed, v.ty)?)))
+            .collect();
+        let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
+        let module = self
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source: source_of(wgsl, parsed) });
+        Built { pipeline: (self.create)(&self.device, &module), slots, written, workgroup }
+    }
+}
+
+/// Returns what wgpu compiles: the parsed shader, so that it is parsed once.
+#[cfg(not(target_family = "wasm"))]
+fn source_of(_wgsl: String, parsed: naga::Module) -> wgpu::ShaderSource<'static> {
+    wgpu::ShaderSource::Naga(std::borrow::Cow::Owned(parsed))
+}
+
+/// Returns what the browser compiles.
+#[cfg(target_family = "wasm")]
+fn source_of(wgsl: String, _parsed: naga::Module) -> wgpu::ShaderSource<'static> {
+    wgpu::ShaderSource::Wgsl(wgsl.into())
+}
