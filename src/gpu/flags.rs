@@ -11,7 +11,8 @@ macro_rules! flags {
             pub const ALL: &[Self] = &[$(Self::$flag,)*];
 
             /// Flags of layers on top of materials, of stretched lobes and of diffuse transmission.
-            pub const LAYERS: [Self; 5] = [Self::DiffuseTransmission, Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
+            pub const LAYERS: [Self; 5] =
+                [Self::DiffuseTransmission, Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
 
             /// Returns the name in shaders.
             #[must_use]

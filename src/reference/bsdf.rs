@@ -177,7 +177,12 @@ impl Bsdf {
                     f90: weight,
                     transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
                     // An opaque surface has no interior. glTF's indices below 1 request full reflection.
-                    bend: if sheet || !material.bsdf.transmits() { 1.0 } else { beyond(ior.max(1.0)) },
+                    // One whose base passes light has none that bends light, either.
+                    bend: if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
+                        1.0
+                    } else {
+                        beyond(ior.max(1.0))
+                    },
                     diffuse_transmission: material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
                         (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
                     }),
@@ -418,18 +423,12 @@ impl Bsdf {
                     metal = film.tint(metal, base, thinner);
                 }
                 let below = (1.0 - metallic) * (1.0 - dielectric.max_element());
-                // Both sides of a surface that refracts have the same facets for light that the base passes.
-                let either = if bend == 1.0 {
-                    below
-                } else {
-                    (1.0 - metallic) * (1.0 - (f0 + (f90 - f0) * schlick_weight(cos)).max_element())
-                };
                 let (share, color) = diffuse_transmission;
                 Shares {
                     reflected: dielectric + (metal - dielectric) * metallic,
                     passed: base * below * transmission,
                     diffuse: base * below * ((1.0 - transmission) * (1.0 - share)),
-                    behind: color * either * ((1.0 - transmission) * share),
+                    behind: color * below * ((1.0 - transmission) * share),
                 }
             }
             Self::Conductor { fresnel, specular, .. } => {

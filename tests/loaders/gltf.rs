@@ -553,6 +553,19 @@ fn layers_are_read() {
     let anisotropy = draft.load("brushed.gltf").materials[0].anisotropy.unwrap();
     assert_eq!((anisotropy.strength, anisotropy.rotation, anisotropy.texture.is_some()), (0.6, 1.5, true));
 
+    draft.json["materials"][0]["extensions"]["KHR_materials_diffuse_transmission"] = json!({
+        "diffuseTransmissionFactor": 0.4, "diffuseTransmissionTexture": { "index": 0 },
+        "diffuseTransmissionColorFactor": [0.5, 0.6, 0.7], "diffuseTransmissionColorTexture": { "index": 0 },
+    });
+    let scene = draft.load("leaf.gltf");
+    let leaf = &scene.materials[0];
+    let passing = leaf.diffuse_transmission.unwrap();
+    assert_eq!((passing.share.factor, channel(passing.share)), (0.4, Some((0, 3))));
+    assert_eq!(passing.color.factor, Vec3::new(0.5, 0.6, 0.7));
+    assert!(scene.textures[passing.color.texture.unwrap().texture].srgb);
+    assert!(leaf.transmits() && !leaf.bsdf.transmits() && leaf.sides == Sides::Two);
+    assert!(!warned(&scene, "not supported"), "{:?}", scene.warnings);
+
     // A coat without weight is none.
     draft.json["materials"][0]["extensions"]["KHR_materials_clearcoat"]["clearcoatFactor"] = json!(0);
     assert_eq!(draft.load("no_coat.gltf").materials[0].coat, None);
@@ -640,7 +653,7 @@ fn transmission_and_volumes_are_read() {
     let mut draft = Draft::triangle();
     draft.primitive()["material"] = json!(0);
     draft.json["extensionsUsed"] =
-        json!(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"]);
+        json!(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_dispersion"]);
     draft.json["extensionsRequired"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
     let glass =
         |extensions: Value| json!([{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": extensions }]);
@@ -663,7 +676,7 @@ fn transmission_and_volumes_are_read() {
     // White turns into the colour over the distance.
     let Boundary::Volume { absorption } = material.boundary else { panic!("{material:?}") };
     assert!((-absorption * 0.5).exp().abs_diff_eq(Vec3::new(0.25, 0.5, 1.0), 1e-6), "{absorption}");
-    assert!(warned(&scene, "KHR_materials_diffuse_transmission is not supported"));
+    assert!(warned(&scene, "KHR_materials_dispersion is not supported"));
     for part in ["KHR_materials_transmission", "KHR_materials_volume"] {
         assert!(!warned(&scene, part), "{:?}", scene.warnings);
     }

@@ -444,6 +444,33 @@ fn stretched_lobes_become_the_model() {
 }
 
 #[test]
+fn principled_becomes_the_model_of_gltf() {
+    let scene_with = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>"));
+    let car = scene_with(
+        r#"<bsdf type="principled"><rgb name="base_color" value="0.2, 0.4, 0.2"/><float name="spec_tint" value="1"/>
+        <float name="spec_trans" value="0.3"/><float name="eta" value="1.4"/><float name="sheen" value="0.5"/>
+        <float name="clearcoat" value="0.8"/><float name="clearcoat_gloss" value="1"/></bsdf>"#,
+    );
+    let paint = &car.materials[0];
+    let Bsdf::MetallicRoughness { ior, specular_color, transmission, .. } = paint.bsdf else { panic!("{paint:?}") };
+    assert_eq!((ior, transmission.factor), (1.4, 0.3));
+    // The tint has the base's hue and a luminance of 1.
+    let tint = specular_color.factor;
+    assert!((tint.y / tint.x - 2.0).abs() < 1e-5 && (tint.dot(Vec3::new(0.2126, 0.7152, 0.0722)) - 1.0).abs() < 1e-3);
+    let coat = paint.coat.unwrap();
+    assert!((coat.weight.factor - 0.2).abs() < 1e-6 && (coat.roughness.factor.powi(2) - 0.001).abs() < 1e-6);
+    assert!(matches!(paint.boundary, Boundary::Volume { .. }) && paint.diffuse_transmission.is_none());
+    assert!(car.warnings.iter().any(|w| w.contains("sheen")), "{:?}", car.warnings);
+
+    let leaf =
+        scene_with(r#"<bsdf type="principledthin"><float name="diff_trans" value="1.2"/></bsdf>"#).materials.remove(0);
+    assert_eq!((leaf.boundary, leaf.diffuse_transmission.unwrap().share.factor), (Boundary::Sheet, 0.6));
+    let shade =
+        scene_with(r#"<bsdf type="difftrans"><rgb name="transmittance" value="0.3"/></bsdf>"#).materials.remove(0);
+    assert_eq!(shade.diffuse_transmission.map(|d| (d.share.factor, d.color.factor)), Some((1.0, Vec3::splat(0.3))));
+}
+
+#[test]
 fn glass_becomes_the_model() {
     let material = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials.remove(0);
     let glass = material(r#"<bsdf type="dielectric"/>"#);

@@ -134,6 +134,11 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("brushed metal", scenes::stretched(0.7, scenes::conductor(0.3, Fresnel::None))),
         ("brushed glass under a coat", scenes::coated(0.6, scenes::stretched(0.6, scenes::glass(0.3, 1.5, clear)))),
         ("film on glTF", scenes::filmed(300.0, scenes::gltf(0.6, 0.3, 0.0, Boundary::Sheet))),
+        ("leaf", scenes::translucent(0.6, scenes::gltf(0.6, 0.1, 0.3, Boundary::Sheet))),
+        (
+            "leaf under a coat",
+            scenes::coated(0.5, scenes::translucent(0.8, scenes::gltf(0.0, 0.0, 0.0, Boundary::Sheet))),
+        ),
         ("glTF volume", scenes::gltf(0.6, 0.1, 0.7, clear)),
         ("glTF sheet", scenes::gltf(0.6, 0.1, 0.7, Boundary::Sheet)),
         ("glass", scenes::glass(0.4, 1.5, clear)),

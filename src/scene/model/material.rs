@@ -225,7 +225,7 @@ pub struct Film {
 /// do (KHR_materials_diffuse_transmission).
 ///
 /// The base reflects 1 - s of what it did, and transmits s color / pi times what the facets above it, which are those
-/// of either side, do not reflect.
+/// of either side, do not reflect. Facets of such a surface do not bend light that they transmit, volume or not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiffuseTransmission {
     /// Share s of the base.
@@ -383,8 +383,8 @@ impl Material {
         }
     }
 
-    /// Returns true if light passes the surface anywhere, by its facets or its diffuse base. Such a surface is two-sided,
-    /// independent of [`Sides`].
+    /// Returns true if light passes the surface anywhere, by its facets or its diffuse base. Such a surface is
+    /// two-sided, independent of [`Sides`].
     #[must_use]
     pub fn transmits(&self) -> bool {
         self.bsdf.transmits() || self.diffuse_transmission.is_some()

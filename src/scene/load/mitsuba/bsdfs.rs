@@ -13,8 +13,8 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, Fresnel, Image, LoadError, Material, NormalMap, Opacity, Scalar, Sides,
-    Texture, TextureRef,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Fresnel, Image, LoadError, Material, NormalMap,
+    Opacity, Scalar, Sides, Texture, TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
@@ -56,14 +56,20 @@ impl<'a> Loader<'a> {
             "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf"
             | "mixturebsdf" => self.wrapper(&plugin, kind, depth)?,
             _ => {
-                let bsdf = self.plain(&plugin, kind)?;
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
-                let plain = Material::diffuse(name, Vec3::ONE);
-                let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
-                let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
-                let anisotropy = self.anisotropy(&plugin)?;
-                let material = Material { bsdf, anisotropy, opacity, boundary, sides: Sides::One, ..plain };
-                Surface { material, basis: None, bump: false }
+                let material = match kind {
+                    "principled" | "principledthin" => self.principled(&plugin, kind == "principledthin")?,
+                    "difftrans" => self.diffuse_transmitter(&plugin)?,
+                    _ => {
+                        let plain = Material::diffuse("", Vec3::ONE);
+                        let bsdf = self.plain(&plugin, kind)?;
+                        let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
+                        let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
+                        let anisotropy = self.anisotropy(&plugin)?;
+                        Material { bsdf, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
+                    }
+                };
+                Surface { material: Material { name, ..material }, basis: None, bump: false }
             }
         };
         self.finish(&plugin);
@@ -215,9 +221,9 @@ impl<'a> Loader<'a> {
     /// Converts a BSDF that contains no other.
     fn plain(&mut self, plugin: &Plugin<'a>, kind: &str) -> Result<Bsdf, LoadError> {
         match kind {
-            "diffuse" | "roughdiffuse" | "difftrans" | "lambertian" => {
-                if kind == "roughdiffuse" || kind == "difftrans" {
-                    plugin.ignore(&["alpha", "use_fast_approx", "transmittance"]);
+            "diffuse" | "roughdiffuse" | "lambertian" => {
+                if kind == "roughdiffuse" {
+                    plugin.ignore(&["alpha", "use_fast_approx"]);
                     self.warn(format!("{}: `{kind}` is drawn as diffuse", plugin.element.title()));
                 }
                 let color = match self.color_parameter(plugin, "reflectance")? {
@@ -240,7 +246,6 @@ impl<'a> Loader<'a> {
                     nonlinear: false,
                 })
             }
-            "principled" => self.principled(plugin),
             "dielectric" | "thindielectric" => self.dielectric(plugin, 0.0.into()),
             "roughdielectric" => {
                 let alpha = self.alpha(plugin)?;
@@ -255,6 +260,22 @@ impl<'a> Loader<'a> {
                 Ok(Bsdf::Diffuse { reflectance: grey(0.5) })
             }
         }
+    }
+
+    /// Converts Mitsuba 0.5's `difftrans`, whose light all passes to the other side.
+    fn diffuse_transmitter(&mut self, plugin: &Plugin<'a>) -> Result<Material, LoadError> {
+        let color = self.color_parameter(plugin, "transmittance")?.unwrap_or(grey(0.5));
+        let bsdf = Bsdf::MetallicRoughness {
+            base_color: grey(0.0),
+            metallic: 0.0.into(),
+            roughness: 1.0.into(),
+            ior: 1.0,
+            specular: 0.0.into(),
+            specular_color: grey(0.0),
+            transmission: 0.0.into(),
+        };
+        let diffuse_transmission = Some(DiffuseTransmission { share: 1.0.into(), color });
+        Ok(Material { bsdf, diffuse_transmission, boundary: Boundary::Sheet, ..Material::diffuse("", Vec3::ONE) })
     }
 
     fn conductor(&mut self, plugin: &Plugin<'a>, rough: bool) -> Result<Bsdf, LoadError> {
@@ -310,30 +331,6 @@ impl<'a> Loader<'a> {
         })
     }
 
-    /// Returns the roughness of `principled`.
-    fn roughness(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
-        Ok(self.scalar_parameter(plugin, "roughness")?.unwrap_or(0.5.into()))
-    }
-
-    /// Converts Mitsuba 3's `principled`: its base is glTF's model; the other lobes are omitted.
-    fn principled(&mut self, plugin: &Plugin<'a>) -> Result<Bsdf, LoadError> {
-        let specular = plugin.float("specular")?;
-        // Disney's `specular` is F0 / 0.08, and F0 = ((eta - 1) / (eta + 1))^2.
-        let root = (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt();
-        let ior = plugin.float("eta")?.unwrap_or((1.0 + root) / (1.0 - root));
-        let roughness = self.roughness(plugin)?;
-        Ok(Bsdf::MetallicRoughness {
-            base_color: self.color_parameter(plugin, "base_color")?.unwrap_or(grey(0.5)),
-            metallic: self.scalar_parameter(plugin, "metallic")?.unwrap_or(0.0.into()),
-            // The lobe's width across its direction is aspect * roughness^2.
-            roughness: Scalar { factor: roughness.factor * aspect(plugin, &roughness)?.sqrt(), ..roughness },
-            ior: ior.max(1.0),
-            specular: 1.0.into(),
-            specular_color: grey(1.0),
-            transmission: 0.0.into(),
-        })
-    }
-
     /// Returns the width of a microfacet lobe; Mitsuba's default is 0.1.
     fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         plugin.ignore(&["sample_visible"]);
@@ -362,13 +359,8 @@ impl<'a> Loader<'a> {
         Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
     }
 
-    /// Returns the stretch of a lobe whose alpha_u and alpha_v are different numbers, or of `principled`.
+    /// Returns the stretch of a lobe whose alpha_u and alpha_v are different numbers.
     fn anisotropy(&mut self, plugin: &Plugin<'a>) -> Result<Option<Anisotropy>, LoadError> {
-        if plugin.element.plugin() == "principled" {
-            let roughness = self.roughness(plugin)?;
-            let (width, aspect) = (roughness.factor * roughness.factor, aspect(plugin, &roughness)?);
-            return Ok(Anisotropy::of_widths(width / aspect, width * aspect));
-        }
         let width = |this: &mut Self, name| {
             Ok::<_, LoadError>(this.scalar_parameter(plugin, name)?.filter(|width| width.texture.is_none()))
         };
@@ -393,15 +385,6 @@ impl<'a> Loader<'a> {
     fn outside_index(&mut self, plugin: &Plugin<'a>, name: &str) -> Result<f32, LoadError> {
         self.index(plugin, name, 1.0)
     }
-}
-
-/// Returns the ratio of `principled`'s width along v to the round one; 1 for a roughness with a texture.
-fn aspect(plugin: &Plugin, roughness: &Scalar) -> Result<f32, LoadError> {
-    let anisotropic = match plugin.get("anisotropic") {
-        Some(element) if roughness.texture.is_none() && !is_texture(element) => plugin.float("anisotropic")?,
-        _ => None,
-    };
-    Ok((1.0 - 0.9 * anisotropic.unwrap_or(0.0).clamp(0.0, 1.0)).sqrt())
 }
 
 /// Returns the normal map of a height field, and the steepest slope, by which its xy is divided.

@@ -13,6 +13,7 @@ mod emitters;
 mod metals;
 mod obj;
 mod ply;
+mod principled;
 mod sensors;
 mod serialized;
 mod shapes;

@@ -50,6 +50,11 @@ impl<'a> Plugin<'a> {
         Some(child.target)
     }
 
+    /// Returns the same, which then still counts as unread.
+    pub fn peek(&self, name: &str) -> Option<&'a Element> {
+        self.children.iter().find(|c| c.name.as_deref() == Some(name)).map(|child| child.target)
+    }
+
     /// Returns all nested plugins of a kind, such as `bsdf`, with any name.
     pub fn nested(&self, tag: &str) -> Vec<&'a Element> {
         self.named(tag).into_iter().map(|(_, element)| element).collect()
