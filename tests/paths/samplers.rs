@@ -137,7 +137,7 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("leaf", scenes::translucent(0.6, scenes::gltf(0.6, 0.1, 0.3, Boundary::Sheet))),
         (
             "leaf under a coat",
-            scenes::coated(0.5, scenes::translucent(0.8, scenes::gltf(0.0, 0.0, 0.0, Boundary::Sheet))),
+            scenes::coated(0.5, scenes::translucent(0.8, scenes::gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
         ),
         ("glTF volume", scenes::gltf(0.6, 0.1, 0.7, clear)),
         ("glTF sheet", scenes::gltf(0.6, 0.1, 0.7, Boundary::Sheet)),
