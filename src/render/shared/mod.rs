@@ -61,6 +61,7 @@ impl Prepared {
         let stats = forced.unwrap_or_else(|| SceneStats::new(scene, &geometry));
         let camera = camera_of(scene, settings)?;
         let plan = FramePlan::new(&stats, settings, &gpu.capabilities);
+        plan.tracing.map_or(Ok(()), |tracing| tracing.check(gpu))?;
         let most = gpu.capabilities.max_storage_bytes;
         let reservoir = size_of::<PixelReservoir>() as u64;
         check_size(gpu, settings, if plan.reuses() { most / reservoir } else { u64::MAX })?;

@@ -70,6 +70,7 @@ impl Prepared {
         let stats = SceneStats::new(scene, &geometry);
         let bidirectional = settings.method() == Method::Bdpt;
         let plan = PathPlan::new(scene, &stats, settings, &gpu.capabilities);
+        plan.tracing.check(gpu)?;
         let mut table =
             LightTable::new(scene, &geometry, if bidirectional { Hittable::All } else { Hittable::ButConstantSky });
         if plan.light_sampling == LightSampling::Uniform {

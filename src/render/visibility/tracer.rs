@@ -33,6 +33,17 @@ impl Tracing {
         }
     }
 
+    /// Checks that the device has what the algorithm needs: shaders of other algorithms do not compile there.
+    ///
+    /// # Errors
+    /// [`GpuError::Device`] if it was opened without ray queries that are asked for.
+    pub fn check(self, gpu: &Gpu) -> Result<(), GpuError> {
+        if self == Self::RayQuery && !gpu.capabilities.ray_queries {
+            return Err(GpuError::Device("it was opened without ray queries".to_owned()));
+        }
+        Ok(())
+    }
+
     /// Returns the flags of shaders that trace rays.
     #[must_use]
     pub fn flags(self) -> &'static [Flag] {
@@ -71,8 +82,7 @@ impl Tracer {
     /// pose where that is possible.
     ///
     /// # Errors
-    /// [`GpuError::Device`] if the device fails, was opened without ray queries that are asked for, or cannot
-    /// bind the structure.
+    /// [`GpuError::Device`] if the device fails, or cannot bind the structure.
     pub async fn new(
         gpu: &Gpu,
         tracing: Tracing,
@@ -87,9 +97,6 @@ impl Tracer {
             _ => None,
         };
         Ok(match tracing {
-            Tracing::RayQuery if !gpu.capabilities.ray_queries => {
-                return Err(GpuError::Device("it was opened without ray queries".to_owned()));
-            }
             Tracing::RayQuery => Self::RayQuery(Acceleration::new(gpu, on_device.positions, scene, geometry)),
             Tracing::Grid => match kept {
                 Some(mut grid) => {
