@@ -29,7 +29,7 @@ step() {
 second_driver() {
     local driver=/usr/lib/chromium/vk_swiftshader_icd.json
     [[ -r $driver ]] || { echo "skipped: $driver is not there"; return; }
-    REQUIRE_GPU=0 VK_DRIVER_FILES=$driver cargo test --locked --test raster --test animation -- analytic devices golden twins pose
+    REQUIRE_GPU=0 VK_DRIVER_FILES=$driver cargo test --locked --test raster --test animation -- analytic devices golden silhouettes twins pose
 }
 
 # The page can be done without where its target cannot be installed; tests that need it are skipped then.

@@ -106,6 +106,7 @@ fn without_light_only_the_camera_looks() {
         ("light_subpath", 0),
         ("caustics", 0),
         ("gbuffer", 1),
+        ("borders", 1),
         ("eye_vertices", 1),
         ("list_lengths", 0),
         ("connect", 0),
@@ -317,6 +318,18 @@ fn many_triangles_share_a_look() {
     assert_eq!(looks(1025, &Settings { width: 128, ..base }, &pinhole), 1);
 }
 
+/// Sides of triangles are drawn where they cost little, which is where silhouettes are long for the pixels' number.
+#[test]
+fn borders_are_drawn_of_few_triangles() {
+    let borders = |triangles, settings: &Settings| {
+        let plan = plan(&SceneStats { triangles, ..one_light() }, settings);
+        (plan.draws_borders, runs(&plan, "borders"))
+    };
+    let base = Settings { width: 64, height: 64, ..Settings::plain() };
+    assert_eq!([64, 65].map(|triangles| borders(triangles, &base)), [(true, 1), (false, 0)]);
+    assert_eq!(borders(65, &Settings { width: 65, ..base }), (true, 1));
+}
+
 /// Two to four lights each have a light point in every iteration, unless their views cost too much.
 #[test]
 fn few_lights_have_a_point_each() {
@@ -494,9 +507,9 @@ fn bytes_grow_with_what_is_asked_for() {
     let base = Settings { bundle_resolution: Some(128), visibility_from: lists, ..Settings::plain() };
     let small = bytes(&base);
     let image = |width, height| bytes(&Settings { width, height, ..base.clone() });
-    // Buffers hold two bands' pixels; beyond, only the film and the G-buffer grow.
+    // Buffers hold two bands' pixels; beyond, only the film, the G-buffer and the borders grow.
     assert!(image(256, 512) < small && image(512, 513) < small);
-    assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 32);
+    assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 36);
     assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.regions(), [8, 0]);
     assert_eq!(plan(&one_light(), &base).grid.regions(), [1, 0]);
     assert!(bytes(&Settings { bundle_resolution: Some(256), ..base.clone() }) > small);
@@ -578,6 +591,7 @@ fn views_are_rasterized_only_where_that_is_cheaper() {
     let views = |stats: &SceneStats, settings: &Settings| {
         let plan = plan_of(stats, settings);
         assert_eq!(plan.tracing.is_some(), plan.traces_camera, "{plan}");
+        assert!(!(plan.traces_camera && plan.draws_borders), "{plan}");
         assert_eq!(plan.tracing.is_some(), runs(&plan, "gbuffer") == 0, "{plan}");
         plan
     };

@@ -109,6 +109,8 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
         && has(Flag::Walked) == (pass == LIST_LENGTHS)
         // Layers are not summed and have no converged tiles.
         && !(has(Flag::Adaptive) && has(Flag::Layered))
+        // Rays find what the camera sees exactly.
+        && !(has(Flag::Borders) && has(Flag::Rays))
         // The last extension only finds light.
         && (!has(Flag::Last) || has(Flag::Emission) || has(Flag::Environment))
 }

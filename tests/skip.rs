@@ -71,7 +71,15 @@ fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked 
 
 /// True for what rays replace where surfaces draw directions of their own.
 fn replaced(name: &str, present: &BTreeSet<String>) -> bool {
-    let by_rays = ["code nearest_along", "code rasterized", "memory gbuffer", "memory gbuffer depth", "pass gbuffer"];
+    let by_rays = [
+        "code nearest_along",
+        "code rasterized",
+        "memory borders",
+        "memory gbuffer",
+        "memory gbuffer depth",
+        "pass borders",
+        "pass gbuffer",
+    ];
     // Light passes glass on either side, so that no view is rasterized.
     let no_views = present.contains("flag TRANSMISSION") && !present.contains("pass view_setup");
     present.contains("flag SPECULAR") && (no_views || by_rays.contains(&name))
@@ -361,6 +369,22 @@ fn bounces_that_nobody_asks_for_are_not_there() {
     for label in ["lists", "projected_triangles", "items", "light_points", "rsm"] {
         assert!(!dark.counts.buffers.contains_key(label), "{label}");
     }
+}
+
+/// Sides of few triangles are drawn exactly; of many, or where rays find what the camera sees, they have no pass,
+/// no byte and no code.
+#[test]
+fn borders_are_drawn_of_few_triangles_only() {
+    let Some(gpu) = gpu() else { return };
+    let _alone = alone();
+    let of = |side, visibility_from| {
+        let settings = Settings { width: side, height: side, visibility_from, ..settings(Technique::RASTER) };
+        let names = ask(gpu, &plain(), &settings, 1).names();
+        ["pass borders", "memory borders"].map(|name| names.contains(name))
+    };
+    assert_eq!(of(64, VisibilityFrom::Lists), [true; 2]);
+    assert_eq!(of(8, VisibilityFrom::Lists), [false; 2]);
+    assert_eq!(of(64, VisibilityFrom::Grid), [false; 2]);
 }
 
 /// Iterations of one camera share a G-buffer.

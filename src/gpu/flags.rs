@@ -99,6 +99,8 @@ flags! {
     Reuse = "REUSE",
     /// Light is added to layers that are denoised, not to the film.
     Layered = "LAYERED",
+    /// Sides of triangles are drawn exactly for the camera.
+    Borders = "BORDERS",
     /// Converged tiles are skipped.
     Adaptive = "ADAPTIVE",
 

@@ -153,11 +153,15 @@ impl Frame {
         }
     }
 
-    /// Finds the triangle that each pixel sees, unless the G-buffer already holds it.
+    /// Finds the triangle that each pixel sees, and those beside it, unless that is already known.
     pub(super) fn rasterize_gbuffer(&mut self, recording: &mut Recording, camera: [[f32; 4]; 4]) {
         let Some(gbuffer) = &self.passes.gbuffer else { return };
         if self.gbuffer_camera.replace(camera) != Some(camera) {
-            gbuffer.record(recording, self.pixels.first(0).frame);
+            let frame = self.pixels.first(0).frame;
+            gbuffer.record(recording, frame);
+            if let Some(borders) = &self.passes.borders {
+                borders.record(recording, frame, &gbuffer.depth);
+            }
         }
     }
 
@@ -182,8 +186,10 @@ impl Frame {
 
     /// Computes z1, and adds the emission that the camera sees: (0, 2).
     pub(super) fn begin_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
-        let triangles = self.passes.gbuffer.as_ref().map(|gbuffer| &gbuffer.triangles);
-        self.passes.eye_vertices.record(recording, band, triangles, self.guides(band));
+        let borders = self.passes.borders.as_ref().map(|borders| &borders.triangles);
+        let gbuffer = self.passes.gbuffer.as_ref().map(|gbuffer| &gbuffer.triangles);
+        let rasterized: Vec<_> = gbuffer.into_iter().chain(borders).collect();
+        self.passes.eye_vertices.record(recording, band, &rasterized, self.guides(band));
     }
 
     /// Returns the guides of a band, if frames are denoised.

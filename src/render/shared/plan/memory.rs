@@ -4,6 +4,7 @@ use crate::film;
 use crate::gpu::Capabilities;
 use crate::render::adaptive_sampling;
 use crate::render::layouts;
+use crate::render::shared::passes::camera::borders::Borders;
 use crate::render::shared::passes::light::caustics::Caustics;
 use crate::render::shared::passes::light::sky_guide::SkyGuide;
 use crate::render::shared::plan::FramePlan;
@@ -66,7 +67,8 @@ impl FramePlan {
         let converged = if self.skips_tiles { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
         let reservoirs = if self.reuses() { 2 * size_of::<layouts::PixelReservoir>() as u64 } else { 0 };
         // The G-buffer takes 8 bytes a pixel, with its depth.
-        let gbuffer = if self.traces_camera { 0 } else { 8 };
+        let gbuffer =
+            if self.traces_camera { 0 } else { 8 } + if self.draws_borders { Borders::BYTES_PER_PIXEL } else { 0 };
         let splats = if self.traces_caustics { Caustics::BYTES } else { 0 };
         let image = film + converged + pixels * (gbuffer + reservoirs + splats) + self.grid.largest() * per_band_pixel;
         let view = |PlannedView { role, texels }: PlannedView| {

@@ -153,6 +153,11 @@ impl FramePlan {
             (false, _, true) => "film, except tiles outside the crop",
             (false, ..) => "film",
         };
+        let why_borders = match (self.draws_borders, self.traces_camera) {
+            (true, _) => "triangles that hardware may miss: their sides pass within a pixel",
+            (false, true) => "rays find z1",
+            (false, false) => "triangles are many for the pixels: a neighbour is close enough",
+        };
         let lengths = if self.list_lengths { "in place of light" } else { "not asked for" };
         vec![
             if self.traces_camera {
@@ -160,6 +165,7 @@ impl FramePlan {
             } else {
                 row("gbuffer", 1, format!("z1 of every pixel{shared}"))
             },
+            row("borders", u32::from(self.draws_borders), why_borders),
             row("eye_vertices", bands + clear_bands, "exact positions, and emission that the camera sees"),
             row("list_lengths", if self.list_lengths { bands } else { 0 }, lengths),
             row("connect", connections, connect),

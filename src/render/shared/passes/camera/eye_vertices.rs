@@ -1,6 +1,6 @@
 //! eye_vertices: z1 of every pixel, exactly, and the emission that the camera sees: strategies (0, 2).
 //!
-//! Reads: the G-buffer, unless rays find the triangles, and the converged tiles. Writes: the eye vertices, the
+//! Reads: the G-buffer and the borders, unless rays find the triangles, and the converged tiles. Writes: the eye vertices, the
 //! iteration's image, and the guides of the denoiser.
 
 use crate::gpu::{Compute, Flag, Gpu};
@@ -17,18 +17,18 @@ impl EyeVertices {
         Self(Compute::new(gpu, "shared/camera/eye_vertices", flags))
     }
 
-    /// Records the pass. `gbuffer` is None if rays find the triangles. `guides` are those of a frame that is
+    /// Records the pass. `rasterized` are the targets of gbuffer and, if it runs, borders. `guides` are those of a frame that is
     /// denoised.
     pub fn record(
         &self,
         recording: &mut Recording,
         band: &Band,
-        gbuffer: Option<&wgpu::TextureView>,
+        rasterized: &[&wgpu::TextureView],
         guides: Option<&wgpu::Buffer>,
     ) {
-        let gbuffer: Vec<_> =
-            gbuffer.iter().map(|view| ("gbuffer", wgpu::BindingResource::TextureView(view))).collect();
+        let named = ["gbuffer", "borders"].into_iter().zip(rasterized);
+        let rasterized: Vec<_> = named.map(|(name, view)| (name, wgpu::BindingResource::TextureView(view))).collect();
         let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
-        recording.run(&self.0, band.size, &[&gbuffer, &band.bindings(), &guides]);
+        recording.run(&self.0, band.size, &[&rasterized, &band.bindings(), &guides]);
     }
 }

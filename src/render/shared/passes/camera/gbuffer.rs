@@ -5,12 +5,14 @@
 
 use crate::gpu::{Flag, Gpu, Raster, RasterTargets};
 use crate::render::recording::Recording;
+use crate::render::shared::passes::camera::{DEPTH_FORMAT, NO_TRIANGLE};
 
 /// The pass and its targets.
 pub struct GBuffer {
     raster: Raster,
     size: [u32; 2],
-    depth: wgpu::TextureView,
+    /// The depth target, which is free after the pass.
+    pub depth: wgpu::TextureView,
     /// Index of the triangle per pixel; all ones where there is none.
     pub triangles: wgpu::TextureView,
 }
@@ -20,11 +22,10 @@ impl GBuffer {
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[Flag], width: u32, height: u32) -> Self {
         let color = wgpu::TextureFormat::R32Uint;
-        let depth = wgpu::TextureFormat::Depth32Float;
         Self {
-            raster: Raster::new(gpu, "shared/camera/gbuffer", flags, color, Some(depth)),
+            raster: Raster::new(gpu, "shared/camera/gbuffer", flags, color, Some(DEPTH_FORMAT)),
             size: [width, height],
-            depth: gpu.target("gbuffer depth", [width, height], depth, wgpu::TextureUsages::empty()),
+            depth: gpu.target("gbuffer depth", [width, height], DEPTH_FORMAT, wgpu::TextureUsages::empty()),
             triangles: gpu.target("gbuffer", [width, height], color, wgpu::TextureUsages::TEXTURE_BINDING),
         }
     }
@@ -37,12 +38,7 @@ impl GBuffer {
 
     /// Records the pass with the camera of a frame's uniform.
     pub fn record(&self, recording: &mut Recording, frame: &wgpu::Buffer) {
-        let none = f64::from(u32::MAX);
-        let targets = RasterTargets {
-            color: &self.triangles,
-            clear: wgpu::Color { r: none, g: none, b: none, a: none },
-            depth: Some(&self.depth),
-        };
+        let targets = RasterTargets { color: &self.triangles, clear: NO_TRIANGLE, depth: Some(&self.depth) };
         let bindings = recording.scene.with(&[("frame", frame.as_entire_binding())]);
         let vertices = 3 * recording.scene.triangles;
         let draw = |pass: &mut wgpu::RenderPass| pass.draw(0..vertices, 0..1);
