@@ -95,7 +95,7 @@ impl Compute {
                 cache: None,
             })
         };
-        Self { label, pipeline: request(gpu, &gpu.pipelines.compute, (label, source, flags), "", create) }
+        Self { label, pipeline: request(gpu, &gpu.pipelines.compute, (label, source, flags), create) }
     }
 
     /// Records one dispatch of at least `threads`, rounded up to whole workgroups. Shaders check their
@@ -124,17 +124,19 @@ impl Compute {
     }
 }
 
+/// The value of pixels in which nothing was drawn: all ones.
+const NO_INDEX: wgpu::Color =
+    wgpu::Color { r: u32::MAX as f64, g: u32::MAX as f64, b: u32::MAX as f64, a: u32::MAX as f64 };
+
 /// The targets of a raster pass.
 pub struct RasterTargets<'a> {
-    /// Colour target, which is cleared to `clear`.
+    /// Colour target in [`Raster::COLOR_FORMAT`], which is cleared to all ones.
     pub color: &'a wgpu::TextureView,
-    /// Clear value of the colour target.
-    pub clear: wgpu::Color,
-    /// Depth target, which is cleared to 0 (reversed depth).
-    pub depth: Option<&'a wgpu::TextureView>,
+    /// Depth target in [`Raster::DEPTH_FORMAT`], which is cleared to 0 (reversed depth).
+    pub depth: &'a wgpu::TextureView,
 }
 
-/// A render pipeline that draws triangles without vertex buffers.
+/// A render pipeline that draws triangles without vertex buffers, and keeps an index of the nearest per pixel.
 #[derive(Clone)]
 pub struct Raster {
     label: &'static str,
@@ -142,16 +144,15 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// Links a shader with a vertex and a fragment entry point, labelled and built as in [`Compute::new`]. With
-    /// `depth`, fragments of greater depth pass (reversed depth).
+    /// Format of the colour target.
+    pub const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
+    /// Format of the depth target.
+    pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
+    /// Links a shader with a vertex and a fragment entry point, labelled and built as in [`Compute::new`].
+    /// Fragments of greater depth pass (reversed depth).
     #[must_use]
-    pub fn new(
-        gpu: &Gpu,
-        shader: &'static str,
-        flags: &[Flag],
-        color: wgpu::TextureFormat,
-        depth: Option<wgpu::TextureFormat>,
-    ) -> Self {
+    pub fn new(gpu: &Gpu, shader: &'static str, flags: &[Flag]) -> Self {
         let label = last_part(shader);
         let create = move |device: &wgpu::Device, module: &wgpu::ShaderModule| {
             device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -164,8 +165,8 @@ impl Raster {
                     buffers: &[],
                 },
                 primitive: wgpu::PrimitiveState::default(),
-                depth_stencil: depth.map(|format| wgpu::DepthStencilState {
-                    format,
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: Self::DEPTH_FORMAT,
                     depth_write_enabled: Some(true),
                     depth_compare: Some(wgpu::CompareFunction::Greater),
                     stencil: Default::default(),
@@ -177,7 +178,7 @@ impl Raster {
                     entry_point: None,
                     compilation_options: Default::default(),
                     targets: &[Some(wgpu::ColorTargetState {
-                        format: color,
+                        format: Self::COLOR_FORMAT,
                         blend: None,
                         write_mask: wgpu::ColorWrites::ALL,
                     })],
@@ -186,9 +187,8 @@ impl Raster {
                 cache: None,
             })
         };
-        let targets = format!("{color:?} {depth:?}");
         let asked = (label, &Source::Embedded(shader), flags);
-        Self { label, pipeline: request(gpu, &gpu.pipelines.raster, asked, &targets, create) }
+        Self { label, pipeline: request(gpu, &gpu.pipelines.raster, asked, create) }
     }
 
     /// Records one pass with one draw.
@@ -210,10 +210,10 @@ impl Raster {
                 view: targets.color,
                 depth_slice: None,
                 resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(targets.clear), store: wgpu::StoreOp::Store },
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(NO_INDEX), store: wgpu::StoreOp::Store },
             })],
-            depth_stencil_attachment: targets.depth.map(|view| wgpu::RenderPassDepthStencilAttachment {
-                view,
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: targets.depth,
                 depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                 stencil_ops: None,
             }),

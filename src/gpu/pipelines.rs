@@ -79,11 +79,10 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
     gpu: &Gpu,
     cache: &Cache<P>,
     (label, source, flags): (&'static str, &Source<'static>, &[Flag]),
-    targets: &str,
     create: impl Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync + 'static,
 ) -> Arc<Pipeline<P>> {
     let sorted: BTreeSet<_> = flags.iter().collect();
-    let key = format!("{label} {} {sorted:?} {targets}", source.name());
+    let key = format!("{label} {} {sorted:?}", source.name());
     let found = cache.lock().ok().and_then(|pipelines| pipelines.get(&key).cloned());
     let pipeline = found.unwrap_or_else(|| {
         let pipeline = Arc::new(Pipeline {

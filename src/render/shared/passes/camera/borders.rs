@@ -5,7 +5,6 @@
 
 use crate::gpu::{Gpu, Raster, RasterTargets};
 use crate::render::recording::Recording;
-use crate::render::shared::passes::camera::{DEPTH_FORMAT, NO_TRIANGLE};
 
 /// The pass and its target. The depth target is that of the G-buffer.
 pub struct Borders {
@@ -22,11 +21,10 @@ impl Borders {
     /// Builds the pipeline and the target.
     #[must_use]
     pub fn new(gpu: &Gpu, size: [u32; 2]) -> Self {
-        let color = wgpu::TextureFormat::R32Uint;
         Self {
-            raster: Raster::new(gpu, "shared/camera/borders", &[], color, Some(DEPTH_FORMAT)),
+            raster: Raster::new(gpu, "shared/camera/borders", &[]),
             size,
-            triangles: gpu.target("borders", size, color, wgpu::TextureUsages::TEXTURE_BINDING),
+            triangles: gpu.target("borders", size, Raster::COLOR_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING),
         }
     }
 
@@ -38,7 +36,7 @@ impl Borders {
 
     /// Records the pass with the camera of a frame's uniform. `depth` is overwritten.
     pub fn record(&self, recording: &mut Recording, frame: &wgpu::Buffer, depth: &wgpu::TextureView) {
-        let targets = RasterTargets { color: &self.triangles, clear: NO_TRIANGLE, depth: Some(depth) };
+        let targets = RasterTargets { color: &self.triangles, depth };
         let bindings = recording.scene.with(&[("frame", frame.as_entire_binding())]);
         // Two triangles for each of the three sides.
         let vertices = 18 * recording.scene.triangles;

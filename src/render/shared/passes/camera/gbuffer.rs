@@ -5,7 +5,6 @@
 
 use crate::gpu::{Flag, Gpu, Raster, RasterTargets};
 use crate::render::recording::Recording;
-use crate::render::shared::passes::camera::{DEPTH_FORMAT, NO_TRIANGLE};
 
 /// The pass and its targets.
 pub struct GBuffer {
@@ -21,12 +20,16 @@ impl GBuffer {
     /// Builds the pipeline and the targets.
     #[must_use]
     pub fn new(gpu: &Gpu, flags: &[Flag], width: u32, height: u32) -> Self {
-        let color = wgpu::TextureFormat::R32Uint;
         Self {
-            raster: Raster::new(gpu, "shared/camera/gbuffer", flags, color, Some(DEPTH_FORMAT)),
+            raster: Raster::new(gpu, "shared/camera/gbuffer", flags),
             size: [width, height],
-            depth: gpu.target("gbuffer depth", [width, height], DEPTH_FORMAT, wgpu::TextureUsages::empty()),
-            triangles: gpu.target("gbuffer", [width, height], color, wgpu::TextureUsages::TEXTURE_BINDING),
+            depth: gpu.target("gbuffer depth", [width, height], Raster::DEPTH_FORMAT, wgpu::TextureUsages::empty()),
+            triangles: gpu.target(
+                "gbuffer",
+                [width, height],
+                Raster::COLOR_FORMAT,
+                wgpu::TextureUsages::TEXTURE_BINDING,
+            ),
         }
     }
 
@@ -38,7 +41,7 @@ impl GBuffer {
 
     /// Records the pass with the camera of a frame's uniform.
     pub fn record(&self, recording: &mut Recording, frame: &wgpu::Buffer) {
-        let targets = RasterTargets { color: &self.triangles, clear: NO_TRIANGLE, depth: Some(&self.depth) };
+        let targets = RasterTargets { color: &self.triangles, depth: &self.depth };
         let bindings = recording.scene.with(&[("frame", frame.as_entire_binding())]);
         let vertices = 3 * recording.scene.triangles;
         let draw = |pass: &mut wgpu::RenderPass| pass.draw(0..vertices, 0..1);
