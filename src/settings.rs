@@ -766,7 +766,7 @@ impl Settings {
         self.crop.unwrap_or(Crop::whole(self.width, self.height))
     }
 
-    /// True if glossy surfaces draw directions of their own beside those that pixels share: then no lobe is
+    /// True if glossy surfaces draw directions of their own in place of those that pixels share: then no lobe is
     /// widened, and paths follow mirrors and glass. Needs rays in any direction.
     #[must_use]
     pub fn draws_own_directions(&self) -> bool {

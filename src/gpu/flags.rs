@@ -32,7 +32,7 @@ flags! {
     Glossy = "GLOSSY",
     /// Rays may pass surfaces: materials have alpha masks, or are blended.
     Masks = "MASKS",
-    /// Paths continue at mirrors.
+    /// Paths draw directions of their own from BSDFs, and continue at mirrors.
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
@@ -91,6 +91,8 @@ flags! {
     Clamped = "CLAMPED",
     /// The extension is the last one: hits on emitters count, and no vertex is written.
     Last = "LAST",
+    /// Threads take pixel rows in turns, as a software driver needs.
+    Swizzled = "SWIZZLED",
     /// Bundle directions follow the environment map.
     SkyBundles = "SKY_BUNDLES",
     /// The pass selects a light point and tests no visibility.
@@ -124,6 +126,10 @@ flags! {
 
     /// Layers are coarser than the image.
     Upsample = "UPSAMPLE",
+    /// What the filter takes away is averaged over the frames.
+    Residual = "RESIDUAL",
+    /// The filter fades with the number of frames.
+    Fades = "FADES",
 }
 
 /// Joins the names of flags with spaces.

@@ -124,7 +124,7 @@ impl Frame {
         // 4.1).
         self.sample_light_points(&mut recording, iteration.lights, &sampler);
         self.trace_light_subpath(&mut recording, class);
-        // One ray-bundle per bounce, each in a direction of its own (section 3.2).
+        // One ray-bundle per bounce (section 3.2), unless pixels draw directions of their own.
         self.rasterize_bundles(&mut recording, &sampler);
         // z1 of each pixel, then its path, band by band.
         if class == 0 {
@@ -166,7 +166,7 @@ impl Frame {
     }
 
     /// Traces z1, z2, ... of a band. Each z_j is connected with the light and its VPLs, (1, j + 1) to (3, j +
-    /// 1), then extended along bundle j, (0, j + 2).
+    /// 1), then extended along bundle j or a direction of its own, (0, j + 2).
     fn trace_eye_subpaths(&self, recording: &mut Recording, band: &Band) {
         self.begin_eye_subpaths(recording, band);
         if let Some(pass) = &self.passes.list_lengths {
@@ -178,7 +178,7 @@ impl Frame {
                 self.connect(recording, band, pass);
             }
             if let Some((strategy, pass)) = self.passes.extensions.get(j as usize - 1) {
-                let bundle = self.views.get(ViewRole::Bundle(j - 1));
+                let bundle = (!self.plan.own_directions).then(|| self.views.get(ViewRole::Bundle(j - 1)));
                 pass.record(recording, band, strategy, bundle, self.guides(band), self.passes.guide());
             }
         }

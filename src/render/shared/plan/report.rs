@@ -204,7 +204,11 @@ impl FramePlan {
 
     fn why_extend(&self, settings: &Settings) -> String {
         if self.extensions.iter().any(|e| e.hits_emitter) {
-            let directions = if self.sky_bundles { "; directions follow the environment map" } else { "" };
+            let directions = match () {
+                () if self.own_directions => "; each pixel draws directions of its own",
+                () if self.sky_bundles => "; directions follow the environment map",
+                () => "",
+            };
             let beyond = if self.extensions.iter().any(|e| e.last) { "beyond them" } else { "between them" };
             format!("{} bounces, and hits on emitters {beyond}{directions}", settings.bounces)
         } else if self.extensions.is_empty() {
@@ -234,12 +238,16 @@ impl fmt::Display for FramePlan {
         } else {
             "conservative with exact intersection (exact)"
         };
-        let (bundle, slabs, light, vpl) =
-            (self.bundle_resolution, self.bundle_slabs, self.light_resolution, self.vpl_resolution);
+        let Self { bundle_resolution, bundle_slabs, light_resolution, vpl_resolution, .. } = self;
+        let bundles = if self.bundles() > 0 {
+            format!("bundles {bundle_resolution}^2 x {bundle_slabs}, ")
+        } else {
+            String::new()
+        };
         let faces = self.light_faces();
         writeln!(
             f,
-            "{:<21}  bundles {bundle}^2 x {slabs}, light {faces} x {light}^2, VPLs 6 x {vpl}^2, {visibility}",
+            "{:<21}  {bundles}light {faces} x {light_resolution}^2, VPLs 6 x {vpl_resolution}^2, {visibility}",
             "views"
         )?;
         writeln!(f, "{:<21}  {}", "rays", self.rays_reason)?;

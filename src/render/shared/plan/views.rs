@@ -114,10 +114,11 @@ impl FramePlan {
         self.views().iter().any(|view| !self.ray_views.answer(view.role))
     }
 
-    /// Returns the number of ray-bundles of a light subpath.
+    /// Returns the number of ray-bundles of a light subpath; none for paths with directions of their own.
     #[must_use]
     pub fn bundles(&self) -> u32 {
-        self.extensions.len() as u32 + u32::from(self.list_lengths)
+        let extended = if self.own_directions { 0 } else { self.extensions.len() as u32 };
+        extended + u32::from(self.list_lengths)
     }
 
     /// True if light vertices have depth maps in place of lists.
