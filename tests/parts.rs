@@ -8,6 +8,7 @@ use common::folder::Folder;
 use lightsheaf::film::Film;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::film::residual::Residual;
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::metrics::compare;
 use lightsheaf::render::{self, RenderError, Renderer};
@@ -17,9 +18,10 @@ use lightsheaf::settings::Settings;
 mod common;
 
 /// Scenes and options of pictures on a device.
-const CASES: [(&str, &str); 17] = [
+const CASES: [(&str, &str); 18] = [
     ("builtin:cornell_glossy", "--interleave 1"),
     ("builtin:cornell_area", "--interleave auto"),
+    ("builtin:cornell_glossy", "--interleave 3"),
     ("builtin:cornell_glossy", "--interleave 3 --tame-outliers"),
     ("builtin:cornell_point", "--interleave 2 --unfiltered"),
     ("builtin:cornell_point", "--interleave 2 --upsample 2"),
@@ -98,13 +100,14 @@ fn for_each_case(mut test: impl FnMut(&str, &mut dyn FnMut() -> Box<dyn Renderer
     }
 }
 
-/// Merges pictures of ranges by the program.
-fn merged(folder: &Folder, parts: &[(SampleRange, Film)]) -> Picture {
+/// Merges pictures of ranges by the program. Filtered ones say what the filter took away.
+fn merged(folder: &Folder, parts: &[(SampleRange, Film, Option<Residual>)]) -> Picture {
     let paths: Vec<String> = (0..parts.len()).map(|n| folder.path(&format!("{n}.exr"))).collect();
-    for ((range, film), path) in parts.iter().zip(&paths) {
+    for ((range, film, residual), path) in parts.iter().zip(&paths) {
         let (ranges, seconds) = (vec![*range], 0.5);
         let record = Record { samples: range.count(), ranges, seconds, ..Record::default() };
-        Picture { film: film.clone(), record: Some(record), ..Picture::default() }.save(path).unwrap();
+        let channels = residual.as_ref().map_or_else(Vec::new, Residual::channels);
+        Picture { film: film.clone(), channels, record: Some(record), ..Picture::default() }.save(path).unwrap();
     }
     let out = folder.path("out.exr");
     let mut arguments = vec!["merge", "-o", &out];
@@ -116,7 +119,7 @@ fn merged(folder: &Folder, parts: &[(SampleRange, Film)]) -> Picture {
 
 #[test]
 fn merged_parts_are_the_picture_of_all_samples() {
-    let mut worst = 0.0_f64;
+    let (mut worst, mut combined) = (0.0_f64, 0);
     for_each_case(|name, open| {
         let folder = Folder::new("parts");
         let mut renderer = open();
@@ -130,8 +133,10 @@ fn merged_parts_are_the_picture_of_all_samples() {
                 renderer.begin_at(range.first - 1).unwrap();
                 add(renderer.as_mut(), range.count()).unwrap();
                 assert_eq!((renderer.stats().samples, renderer.samples()), (range.count(), range.last), "{name}");
-                films.push((range, renderer.film().unwrap()));
+                films.push((range, renderer.film().unwrap(), renderer.residual().unwrap()));
             }
+            let given_back = |residual: &Residual| residual.shares().iter().any(|&share| share > 0.0);
+            combined += films.iter().filter(|part| part.2.as_ref().is_some_and(given_back)).count();
             let picture = merged(&folder, &films);
             let record = picture.record.unwrap();
             assert_eq!((record.samples, record.ranges), (SAMPLES, vec![SampleRange { first: 1, last: SAMPLES }]));
@@ -148,6 +153,7 @@ fn merged_parts_are_the_picture_of_all_samples() {
         add(renderer.as_mut(), SAMPLES).unwrap();
         assert!(renderer.film().unwrap() == whole, "{name}: a range from the first sample on is the whole");
     });
+    assert!(combined > 0, "some parts get back what the filter took away");
     println!("worst rel_mse {worst:.1e}");
 }
 

@@ -19,6 +19,9 @@ const RAYS: u32 = 32;
 /// Names of the picture before it was denoised.
 pub const NOISY: [&str; 3] = ["noisy.R", "noisy.G", "noisy.B"];
 
+/// Names of the layer of light that was scattered more than once.
+pub const INDIRECT: [&str; 3] = ["indirect.R", "indirect.G", "indirect.B"];
+
 /// A layer of the .exr.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Aov {
@@ -153,7 +156,7 @@ impl LayerArgs {
                     three(["emission.R", "emission.G", "emission.B"], &minus(seen, &sky))
                 }
                 Aov::Direct => three(["direct.R", "direct.G", "direct.B"], &minus(once, seen)),
-                Aov::Indirect => three(["indirect.R", "indirect.G", "indirect.B"], &minus(film, once)),
+                Aov::Indirect => three(INDIRECT, &minus(film, once)),
                 _ => continue,
             });
         }

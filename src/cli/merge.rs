@@ -7,9 +7,10 @@ use anyhow::{Result, bail};
 use lightsheaf::film::Film;
 use lightsheaf::film::exr::{Channel, Picture};
 use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::film::residual::Residual;
 use lightsheaf::render::fingerprint;
 
-use super::aov::NOISY;
+use super::aov::{INDIRECT, NOISY};
 use super::output;
 
 #[derive(clap::Args)]
@@ -89,6 +90,15 @@ fn check(first: &Part, other: &Part) -> Result<()> {
     if a.version != b.version {
         bail!("{shown}: are of the versions {} and {}; render the older one again", a.version, b.version);
     }
+    let has_residual = |part: &Part| Residual::of(&part.picture, part.record.samples).is_some();
+    if let Some(lacks) = [first, other].into_iter().find(|part| !has_residual(part))
+        && (has_residual(first) || has_residual(other))
+    {
+        bail!(
+            "{}: is filtered, and does not say what the filter took away; render it again with --sample-range",
+            lacks.path.display()
+        );
+    }
     let size = |picture: &Picture| ([picture.film.width, picture.film.height], picture.window);
     let channels = |picture: &Picture| picture.channels.iter().map(|channel| channel.name.clone()).collect::<Vec<_>>();
     if size(&first.picture) != size(&other.picture) || channels(&first.picture) != channels(&other.picture) {
@@ -126,27 +136,42 @@ fn join(parts: &[Part], allow_gaps: bool) -> Result<Vec<SampleRange>> {
     Ok(joined)
 }
 
-/// Returns the mean of the parts, weighted by their samples.
+/// Returns the mean of the parts, weighted by their samples. A filtered picture gets back what the filter took away
+/// from all samples.
 fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
-    let first = &parts[0];
+    let first = &parts[0].picture;
     let samples: u64 = parts.iter().map(|part| part.record.samples).sum();
-    let mean = |value: &dyn Fn(&Picture) -> f32| {
-        let sum: f64 = parts.iter().map(|part| part.record.samples as f64 * f64::from(value(&part.picture))).sum();
-        (sum / samples as f64) as f32
+    let mean = |value: &dyn Fn(usize) -> f32| {
+        let weighted = parts.iter().enumerate().map(|(n, part)| part.record.samples as f64 * f64::from(value(n)));
+        (weighted.sum::<f64>() / samples as f64) as f32
     };
-    let pixels = (0..first.picture.film.pixels.len())
-        .map(|at| std::array::from_fn(|c| mean(&|picture| picture.film.pixels[at][c])))
-        .collect();
-    let channel = |(n, channel): (usize, &Channel)| Channel {
+    let mean_film = |films: &[&Film]| -> Vec<[f32; 3]> {
+        let pixels = 0..first.film.pixels.len();
+        pixels.map(|at| std::array::from_fn(|c| mean(&|n| films[n].pixels[at][c]))).collect()
+    };
+    let channel = |(c, channel): (usize, &Channel)| Channel {
         name: channel.name.clone(),
         // Layers without light are the same in all parts.
-        values: if parts.iter().all(|part| part.picture.channels[n] == *channel) {
+        values: if parts.iter().all(|part| part.picture.channels[c] == *channel) {
             channel.values.clone()
         } else {
-            (0..channel.values.len()).map(|at| mean(&|picture| picture.channels[n].values[at])).collect()
+            (0..channel.values.len()).map(|at| mean(&|n| parts[n].picture.channels[c].values[at])).collect()
         },
     };
-    let channels = first.picture.channels.iter().enumerate().map(channel).collect();
+    let shown: Vec<_> = parts.iter().map(|part| &part.picture.film).collect();
+    let Film { width, height, .. } = first.film;
+    let film = Film { width, height, pixels: mean_film(&shown) };
+    let channels = first.channels.iter().enumerate().map(channel).collect();
+    let mut picture = Picture { film, channels, ..Picture::default() };
+    if let Some(residual) = Residual::of(&picture, samples) {
+        let filtered = |part: &Part| {
+            let film = &part.picture.film;
+            Residual::of(&part.picture, part.record.samples).map_or_else(|| film.clone(), |own| own.filtered(film))
+        };
+        let filtered: Vec<_> = parts.iter().map(filtered).collect();
+        let all = Film { width, height, pixels: mean_film(&filtered.iter().collect::<Vec<_>>()) };
+        replace(&mut picture, residual.combine(&all));
+    }
     let mut devices: Vec<_> = parts.iter().map(|part| part.record.device.clone()).collect();
     devices.sort();
     devices.dedup();
@@ -156,10 +181,18 @@ fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
         ranges,
         device: devices.join("; "),
         seconds: parts.iter().map(|part| part.record.seconds).sum(),
-        ..first.record.clone()
+        ..parts[0].record.clone()
     };
-    let Film { width, height, .. } = first.picture.film;
-    let film = Film { width, height, pixels };
-    let Picture { attributes, window, .. } = &first.picture;
-    Picture { film, channels, attributes: attributes.clone(), window: *window, record: Some(record) }
+    Picture { attributes: first.attributes.clone(), window: first.window, record: Some(record), ..picture }
+}
+
+/// Replaces the film of a picture. Indirect light takes the difference, so that the layers of light sum to the film.
+fn replace(picture: &mut Picture, film: Film) {
+    for (c, name) in INDIRECT.iter().enumerate() {
+        if let Some(channel) = picture.channels.iter_mut().find(|channel| channel.name == *name) {
+            let pixels = film.pixels.iter().zip(&picture.film.pixels);
+            channel.values.iter_mut().zip(pixels).for_each(|(value, (new, old))| *value += new[c] - old[c]);
+        }
+    }
+    picture.film = film;
 }

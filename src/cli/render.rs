@@ -12,6 +12,7 @@ use anyhow::{Context as _, Result, bail};
 use lightsheaf::crop::Crop;
 use lightsheaf::film::exr::{Picture, Window};
 use lightsheaf::film::record::{Record, SampleRange};
+use lightsheaf::film::residual::Residual;
 use lightsheaf::film::{Film, has_extension};
 use lightsheaf::gpu::{Gpu, GpuError, PassTime};
 use lightsheaf::reference::aov::Aovs;
@@ -519,6 +520,8 @@ struct Kept {
     scene_hash: OnceCell<String>,
     aovs: OnceCell<Option<Aovs>>,
     light: RefCell<Option<SplitLight>>,
+    /// What the filter took away from a picture that may be merged with others.
+    residual: RefCell<Option<Residual>>,
 }
 
 /// The renderers of the pictures of an animation.
@@ -543,6 +546,9 @@ impl Job<'_> {
         let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };
+        if self.args.sample_range.is_some() || stats.ended_by == Ending::Interrupt {
+            *self.kept.residual.borrow_mut() = renderer.residual()?;
+        }
         let samples = stats.samples;
         if self.args.layers.splits_light() {
             let (settings, end) = (renderer.aligned(SplitLight::settings(self.settings)), renderer.samples());
@@ -879,7 +885,9 @@ impl Job<'_> {
         let light = self.kept.light.borrow();
         let Settings { width, height, crop, .. } = *self.settings;
         let window = crop.map(|crop| Window { crop, size: [width, height] });
-        Ok(Picture { window, ..self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref())? })
+        let mut picture = self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref())?;
+        picture.channels.extend(self.kept.residual.borrow().iter().flat_map(Residual::channels));
+        Ok(Picture { window, ..picture })
     }
 
     /// Returns the record of a picture.

@@ -10,6 +10,7 @@ pub mod exr;
 #[cfg(not(target_family = "wasm"))]
 pub mod oidn;
 pub mod record;
+pub mod residual;
 
 use std::path::{Path, PathBuf};
 

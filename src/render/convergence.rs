@@ -12,13 +12,13 @@
 //! therefore the geometric mean over the pairs of the latest checkpoints. It does not contain errors that are
 //! common to all samples of a picture, such as a bias.
 //!
-//! The bias of the filter of interleaved pictures is estimated separately. F is the picture, U the mean of
-//! the same samples unfiltered, and T the picture filtered twice. The expectation of F - U is the bias b, and
+//! The bias of the filter of interleaved pictures is estimated separately. F is the mean of the filtered samples, U
+//! that of the same samples unfiltered, and T that of samples filtered twice. The expectation of F - U is the bias b, and
 //! its noise is that of U. The noises of two disjoint sets of samples are nearly independent, so the product
 //! of their two differences F - U estimates b^2, but is noisy. The change by the second filter, T - F,
 //! resembles b with little noise, and is smaller, since F is already smooth. The estimate of b^2 is the
 //! product, clamped to between n and 3/4 n^2 times (T - F)^2, with n the side of the filter's square
-//! (measured with n = 2 and 4 in seven scenes).
+//! (measured with n = 2 and 4 in seven scenes). The picture has a known share of the bias left in each pixel.
 
 use std::collections::VecDeque;
 
@@ -53,23 +53,33 @@ const PRODUCTS: usize = 4;
 pub struct BiasFilms {
     /// Pixels along a side of the filter's square.
     pub side: u32,
-    /// The mean of the picture's samples, unfiltered.
+    /// The mean of the picture's samples, filtered.
+    pub filtered: Film,
+    /// The same unfiltered.
     pub unfiltered: Film,
-    /// The picture filtered twice.
+    /// The same filtered twice.
     pub twice: Film,
+    /// Share of the filter's bias that the picture has ([`crate::film::residual`]), pixel by pixel.
+    pub left: Vec<f32>,
 }
 
 impl BiasFilms {
     /// Returns the films multiplied by a factor.
     #[must_use]
     pub fn scaled(&self, factor: f32) -> Self {
-        Self { side: self.side, unfiltered: self.unfiltered.scaled(factor), twice: self.twice.scaled(factor) }
+        let [filtered, unfiltered, twice] =
+            [&self.filtered, &self.unfiltered, &self.twice].map(|film| film.scaled(factor));
+        Self { side: self.side, filtered, unfiltered, twice, left: self.left.clone() }
     }
 
     /// Returns the pixels of a crop; without one, the films.
     #[must_use]
     pub fn cropped(self, crop: Option<Crop>) -> Self {
-        Self { side: self.side, unfiltered: self.unfiltered.cropped(crop), twice: self.twice.cropped(crop) }
+        let left = crop.map_or(self.left.clone(), |crop| {
+            crop.pixels(self.filtered.width).map(|pixel| self.left[pixel as usize]).collect()
+        });
+        let [filtered, unfiltered, twice] = [self.filtered, self.unfiltered, self.twice].map(|film| film.cropped(crop));
+        Self { side: self.side, filtered, unfiltered, twice, left }
     }
 }
 
@@ -136,7 +146,7 @@ impl Convergence {
         while self.next_checkpoint() <= samples {
             self.checkpoints += 1;
         }
-        let bias = bias.map_or(0.0, |bias| self.bias(samples, film, bias));
+        let bias = bias.map_or(0.0, |bias| self.bias(samples, bias));
         if self.update_pairs(samples, film, bias).is_err() {
             // Values that are not finite stay in the picture.
             self.error = None;
@@ -172,12 +182,14 @@ impl Convergence {
     }
 
     /// Estimates the rel_mse that the filter of a picture causes: its squared bias.
-    fn bias(&mut self, samples: u64, film: &Film, bias: &BiasFilms) -> f64 {
+    fn bias(&mut self, samples: u64, bias: &BiasFilms) -> f64 {
         let values = |film: &Film| film.pixels.iter().flatten().map(|&value| f64::from(value)).collect::<Vec<_>>();
-        let [film, unfiltered, twice] = [film, &bias.unfiltered, &bias.twice].map(values);
+        let [film, unfiltered, twice] = [&bias.filtered, &bias.unfiltered, &bias.twice].map(values);
         // Bright light that leaks into dark pixels is an error relative to these.
         let weight = |(filtered, unfiltered): (&f64, &f64)| 1.0 / (filtered.min(unfiltered.max(0.0)).powi(2) + DARK);
-        let weights: Vec<f64> = film.iter().zip(&unfiltered).map(weight).collect();
+        let left = bias.left.iter().flat_map(|&left| [f64::from(left).powi(2); 3]);
+        let weights: Vec<f64> =
+            film.iter().zip(&unfiltered).map(weight).zip(left).map(|(weight, left)| weight * left).collect();
         let count = weights.len().max(1) as f64;
         let squares = weights.iter().zip(film.iter().zip(&twice)).map(|(w, (once, twice))| w * (once - twice).powi(2));
         let again = squares.sum::<f64>() / count;
@@ -300,7 +312,8 @@ mod tests {
             while convergence.next_checkpoint() <= 64 {
                 let samples = convergence.next_checkpoint();
                 let noise = |at: usize| noisy * (0..samples).map(|n| noise(at, n)).sum::<f64>() / samples as f64;
-                let films = BiasFilms { side: 4, unfiltered: film(noise), twice: film(|_| twice) };
+                let (filtered, left) = (film(|_| 0.1), vec![1.0; 64 * 64]);
+                let films = BiasFilms { side: 4, filtered, unfiltered: film(noise), twice: film(|_| twice), left };
                 convergence.update(samples, &film(|_| 0.1), Some(&films));
             }
             convergence.error().unwrap()

@@ -6,6 +6,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use glam::Vec3;
 
+use crate::film::residual::Residual;
 use crate::film::{self, Film};
 use crate::gpu::{Gpu, GpuError, PassTime, read_back_async};
 use crate::render::adaptive_sampling::ConvergedTiles;
@@ -251,8 +252,26 @@ pub trait Renderer {
         pollster::block_on(self.film_async())
     }
 
-    /// Reads the picture unfiltered, and filtered twice, if frames are filtered and the settings have a
-    /// target error.
+    /// Reads what the filter took away from the picture, or from the crop of it, if frames are filtered and the
+    /// picture got some of it back ([`Residual`]).
+    ///
+    /// # Errors
+    /// [`RenderError::Gpu`] if the device fails.
+    async fn residual_async(&self) -> Result<Option<Residual>, RenderError> {
+        Ok(None)
+    }
+
+    /// Waits for [`Self::residual_async`].
+    ///
+    /// # Errors
+    /// As [`Self::residual_async`].
+    #[cfg(not(target_family = "wasm"))]
+    fn residual(&self) -> Result<Option<Residual>, RenderError> {
+        pollster::block_on(self.residual_async())
+    }
+
+    /// Reads the picture filtered, unfiltered, and filtered twice, if frames are filtered and the settings have
+    /// a target error.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.

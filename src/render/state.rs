@@ -36,6 +36,8 @@ pub struct FrameState {
     pub frame: u64,
     /// Frames since anything changed.
     pub still: u64,
+    /// Frames of these that precede the picture's first.
+    pub first: u64,
     /// `clip_from_world` and position within the pixel of the frame before.
     pub before: Option<([[f32; 4]; 4], [f32; 2])>,
 }

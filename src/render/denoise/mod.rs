@@ -14,6 +14,7 @@ use std::array;
 use glam::{Mat4, Vec3};
 
 use crate::film::Film;
+use crate::film::residual::Residual;
 use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back_async};
 use crate::render::convergence::BiasFilms;
 use crate::render::denoise::layers::Layers;
@@ -55,12 +56,12 @@ struct Before {
     jitter: [f32; 2],
 }
 
-/// Pictures that measure the bias of the filter: the same frames unfiltered, and filtered twice.
+/// The picture that measures the bias of the filter: the same frames filtered twice.
 struct Bias {
+    again: Compute,
     filtered_twice: wgpu::Buffer,
     composed: wgpu::Buffer,
-    unfiltered: Pair,
-    twice: Pair,
+    pictures: Pair,
 }
 
 /// Layers, histories and passes of a picture that is denoised frame by frame.
@@ -74,6 +75,8 @@ pub struct Denoiser {
     frame: u64,
     /// Frames since anything changed.
     still: u64,
+    /// Frames of these that precede the picture's first.
+    first: u64,
     before: Option<Before>,
     /// Vertex positions of the frame before, if they have moved since.
     positions_before: Option<wgpu::Buffer>,
@@ -88,6 +91,8 @@ pub struct Denoiser {
     gradient: Option<Compute>,
     temporal: Option<(Compute, Pair)>,
     filter: Option<(Compute, wgpu::Buffer)>,
+    /// What the filter takes away (shaders/denoise/filter.wesl).
+    residual: Option<wgpu::Buffer>,
     bias: Option<Bias>,
     firefly_clamp: Option<(Compute, wgpu::Buffer)>,
     compose: Compute,
@@ -104,16 +109,18 @@ impl Denoiser {
         let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
         let glossy: &[Flag] = if plan.glossy { &[Flag::Glossy] } else { &[] };
+        let ends: &[Flag] = if plan.keeps_residual() { &[Flag::Residual] } else { &[Flag::Fades] };
         let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
-        let pass = |shader, flags| Compute::new(gpu, shader, flags);
+        let pass = |shader, flags: &[Flag]| Compute::new(gpu, shader, flags);
         Self {
             grid,
             history: plan.history,
             clamp_samples,
             frame: 0,
             still: 0,
+            first: 0,
             before: None,
             positions_before: None,
             moved: false,
@@ -125,12 +132,15 @@ impl Denoiser {
             gradient: plan.has_gradients().then(|| pass("denoise/gradient", &[])),
             temporal: (plan.history > 0)
                 .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
-            filter: plan.filtered.then(|| (pass("denoise/filter", glossy), gpu.storage("filtered", layer * 32))),
+            filter: plan
+                .filtered
+                .then(|| (pass("denoise/filter", &[glossy, ends].concat()), gpu.storage("filtered", layer * 32))),
+            residual: plan.keeps_residual().then(|| gpu.storage("residual", image * 16)),
             bias: plan.measures_bias.then(|| Bias {
+                again: pass("denoise/filter", glossy),
                 filtered_twice: gpu.storage("filtered", layer * 32),
                 composed: gpu.storage("composed", image * 16),
-                unfiltered: Pair::new(gpu, "picture", image * 16),
-                twice: Pair::new(gpu, "picture", image * 16),
+                pictures: Pair::new(gpu, "picture", image * 16),
             }),
             firefly_clamp: plan
                 .clamps_fireflies
@@ -149,56 +159,55 @@ impl Denoiser {
         let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
         let passes = [&self.filter, &self.firefly_clamp];
         let buffers = passes.into_iter().flatten().map(|(_, buffer)| buffer);
-        let buffers = buffers.chain([&self.composed]).chain(&self.positions_before);
-        let of_bias = |bias: &Bias| {
-            bias.filtered_twice.size() + bias.composed.size() + bias.unfiltered.bytes() + bias.twice.bytes()
-        };
+        let buffers = buffers.chain([&self.composed]).chain(&self.positions_before).chain(&self.residual);
+        let of_bias = |bias: &Bias| bias.filtered_twice.size() + bias.composed.size() + bias.pictures.bytes();
         let bias = self.bias.as_ref().map_or(0, of_bias);
         pairs.map(Pair::bytes).sum::<u64>() + buffers.map(wgpu::Buffer::size).sum::<u64>() + bias
     }
 
     /// Discards all frames.
     pub fn restart(&mut self) {
-        (self.before, self.still, self.moved) = (None, 0, false);
+        (self.before, self.still, self.first, self.moved) = (None, 0, 0, false);
     }
 
     /// Begins with the frame `first` of a still picture, without those before.
     pub fn begin_at(&mut self, first: u64) {
         self.restart();
-        (self.frame, self.still) = (first, first);
+        (self.frame, self.still, self.first) = (first, first, first);
     }
 
     /// Returns the counts that the next frame depends on.
     #[must_use]
     pub fn state(&self) -> FrameState {
         let before = self.before.as_ref().map(|before| (before.clip_from_world, before.jitter));
-        FrameState { frame: self.frame, still: self.still, before }
+        FrameState { frame: self.frame, still: self.still, first: self.first, before }
     }
 
     /// Takes over the counts of [`Self::state`].
     pub fn restore(&mut self, state: &FrameState) {
         let before = state.before.map(|(clip_from_world, jitter)| Before { clip_from_world, jitter });
-        (self.frame, self.still, self.before, self.moved) = (state.frame, state.still, before, false);
+        (self.frame, self.still, self.first) = (state.frame, state.still, state.first);
+        (self.before, self.moved) = (before, false);
     }
 
     /// Returns the buffers that the next frame reads: the average of the frames, and histories.
     pub fn state_buffers(&self) -> impl Iterator<Item = &wgpu::Buffer> {
-        let bias = self.bias.iter().flat_map(|bias| [&bias.unfiltered, &bias.twice]);
+        let bias = self.bias.iter().map(|bias| &bias.pictures);
         let layers = [&self.guides, &self.layers];
         let layers = layers.into_iter().chain(&self.layer_guides).filter(|_| self.history > 0);
         let history = self.temporal.iter().map(|(_, history)| history);
         let all = std::iter::once(&self.pictures).chain(bias).chain(layers).chain(history);
-        all.map(|pair| pair.before(self.frame))
+        all.map(|pair| pair.before(self.frame)).chain(&self.residual)
     }
 
     /// Begins the average of still frames anew, since the camera has moved.
     pub fn camera_moved(&mut self) {
-        self.still = 0;
+        (self.still, self.first) = (0, 0);
     }
 
     /// Prepares for a change of lights or vertices, and copies the present positions for reprojection.
     pub fn scene_moves(&mut self, gpu: &Gpu, scene: &GpuScene) {
-        self.still = 0;
+        (self.still, self.first) = (0, 0);
         if self.before.is_none() || self.moved {
             return;
         }
@@ -284,7 +293,8 @@ impl Denoiser {
         let mut light = unfiltered.clone();
         if let Some((pass, filtered)) = &self.filter {
             let inputs = [("unfiltered", unfiltered.clone()), ("filtered", filtered.as_entire_binding())];
-            recording.run(pass, layer, &[&shared, &guides, &inputs]);
+            let residual: Vec<_> = self.residual.iter().map(|all| ("residual", all.as_entire_binding())).collect();
+            recording.run(pass, layer, &[&shared, &guides, &inputs, &residual]);
             light = filtered.as_entire_binding();
         }
         if let Some((pass, clamped_layers)) = &self.firefly_clamp {
@@ -293,11 +303,10 @@ impl Denoiser {
             light = clamped_layers.as_entire_binding();
         }
         let mut pictures = vec![(light, &self.composed, &self.pictures)];
-        if let (Some((pass, filtered)), Some(bias)) = (&self.filter, &self.bias) {
+        if let (Some((_, filtered)), Some(bias)) = (&self.filter, &self.bias) {
             let inputs = bindings([("unfiltered", filtered), ("filtered", &bias.filtered_twice)]);
-            recording.run(pass, layer, &[&shared, &guides, &inputs]);
-            pictures.push((unfiltered, &bias.composed, &bias.unfiltered));
-            pictures.push((bias.filtered_twice.as_entire_binding(), &bias.composed, &bias.twice));
+            recording.run(&bias.again, layer, &[&shared, &guides, &inputs]);
+            pictures.push((bias.filtered_twice.as_entire_binding(), &bias.composed, &bias.pictures));
         }
         for (light, composed, pictures) in pictures {
             let inputs = bindings([
@@ -338,35 +347,51 @@ impl Denoiser {
             history: u64::from(self.history).max(self.still + 1) as f32,
             odd: (self.frame % 2) as u32,
             clamped_alpha: CLAMPED_ALPHA / (self.samples() / self.clamp_samples).sqrt(),
-            frames: (self.still + 1) as f32,
+            frames: (self.still - self.first + 1) as f32,
             averages: if self.temporal.is_some() { 2.0 } else { 1.0 },
         }
     }
 
-    /// Reads the picture of the last frame, averaged with those before it.
+    /// Reads the picture of the last frame, averaged with those before it, with what the filter took away from it
+    /// and should not have.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
-        self.read(gpu, &self.pictures).await
+        let filtered = self.read(gpu, self.pictures.before(self.frame)).await?;
+        let residual = self.residual(gpu).await?;
+        Ok(residual.map_or_else(|| filtered.0.clone(), |residual| residual.combine(&filtered.0)))
     }
 
-    /// Reads the same frames unfiltered, and filtered twice, if the plan measures the bias of the filter.
+    /// Reads what the filter took away from the picture, if the plan keeps it.
+    ///
+    /// # Errors
+    /// [`GpuError`] if the device fails.
+    pub async fn residual(&self, gpu: &Gpu) -> Result<Option<Residual>, GpuError> {
+        let Some(buffer) = &self.residual else { return Ok(None) };
+        let (mean, square) = self.read(gpu, buffer).await?;
+        Ok(Some(Residual { mean, square, frames: self.still - self.first }))
+    }
+
+    /// Reads the same frames filtered, unfiltered and filtered twice, if the plan measures the bias of the filter.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
-        let Some(bias) = &self.bias else { return Ok(None) };
-        let unfiltered = self.read(gpu, &bias.unfiltered).await?;
-        let twice = self.read(gpu, &bias.twice).await?;
-        Ok(Some(BiasFilms { side: self.grid.side, unfiltered, twice }))
+        let (Some(bias), Some(residual)) = (&self.bias, self.residual(gpu).await?) else { return Ok(None) };
+        let filtered = self.read(gpu, self.pictures.before(self.frame)).await?.0;
+        let twice = self.read(gpu, bias.pictures.before(self.frame)).await?.0;
+        let unfiltered = residual.unfiltered(&filtered);
+        let left = residual.shares().into_iter().map(|share| 1.0 - share).collect();
+        Ok(Some(BiasFilms { side: self.grid.side, filtered, unfiltered, twice, left }))
     }
 
-    async fn read(&self, gpu: &Gpu, pictures: &Pair) -> Result<Film, GpuError> {
+    /// Reads a buffer of an image: three values for each pixel, and a fourth one.
+    async fn read(&self, gpu: &Gpu, buffer: &wgpu::Buffer) -> Result<(Film, Vec<f32>), GpuError> {
         let [width, height] = self.grid.size;
-        let buffer = pictures.before(self.frame);
-        let pixels: Vec<[f32; 4]> = read_back_async(gpu, buffer, (width * height) as usize).await?;
-        Ok(Film { width, height, pixels: pixels.into_iter().map(|[r, g, b, _]| [r, g, b]).collect() })
+        let values: Vec<[f32; 4]> = read_back_async(gpu, buffer, (width * height) as usize).await?;
+        let pixels = values.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
+        Ok((Film { width, height, pixels }, values.into_iter().map(|[.., w]| w).collect()))
     }
 }
 

@@ -13,7 +13,7 @@ pub struct DenoisePlan {
     pub history: u32,
     /// True if a filter averages the pixels of a square.
     pub filtered: bool,
-    /// True if two more pictures measure the bias of the filter: one unfiltered, one filtered twice.
+    /// True if one more picture, which is filtered twice, measures the bias of the filter.
     pub measures_bias: bool,
     /// True if fireflies are clamped to the brightness of their neighbours.
     pub clamps_fireflies: bool,
@@ -28,12 +28,20 @@ impl DenoisePlan {
         self.history > 1 && self.grid.side > 1
     }
 
+    /// True if what the filter takes away is averaged over the frames, so that the picture gets it back where it is
+    /// no noise. Averages over time and coarser layers have it not, and what the firefly clamp takes stays away.
+    #[must_use]
+    pub fn keeps_residual(&self) -> bool {
+        self.filtered && self.history == 0 && self.grid.scale == 1 && !self.clamps_fireflies
+    }
+
     /// Returns the bytes of layers, guides, histories and pictures.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let [image, layer] = [self.grid.size, self.grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
-        let per_image_pixel = 2 * (guide + 16) + 16 + 32 + if self.measures_bias { 16 + 2 * 32 } else { 0 };
+        let mut per_image_pixel = 2 * (guide + 16) + 16 + 32;
+        per_image_pixel += if self.measures_bias { 16 + 32 } else { 0 } + if self.keeps_residual() { 16 } else { 0 };
         let mut per_layer_pixel = 2 * 32;
         per_layer_pixel += if self.grid.scale > 1 { 2 * guide } else { 0 };
         per_layer_pixel += if self.filtered { 32 } else { 0 } + if self.measures_bias { 32 } else { 0 };
@@ -51,9 +59,8 @@ impl DenoisePlan {
             let why_not = if layered { why_not } else { "iterations are summed, not denoised" };
             let runs = match name {
                 _ if !runs => 0,
-                // The filter runs once more to measure its bias, and two more pictures are composed.
-                "filter" if self.measures_bias => 2,
-                "compose" | "antialias" if self.measures_bias => 3,
+                // The filter runs once more to measure its bias, and one more picture is composed.
+                "filter" | "compose" | "antialias" if self.measures_bias => 2,
                 _ => 1,
             };
             PlannedPass { name, runs, reason: if runs > 0 { why } else { why_not.to_owned() } }

@@ -16,6 +16,7 @@ use glam::Vec3;
 use web_time::Instant;
 
 use crate::film::Film;
+use crate::film::residual::Residual;
 use crate::gpu::{Gpu, read_back_async};
 use crate::render::adapt::{adapted, warnings};
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
@@ -470,6 +471,12 @@ impl Renderer for SharedRenderer<'_> {
                 read_film(self.gpu, pixels.films(), &self.settings, samples, pixels.converged.as_ref()).await
             }
         }
+    }
+
+    async fn residual_async(&self) -> Result<Option<Residual>, RenderError> {
+        let Some(denoiser) = &self.frame.denoiser else { return Ok(None) };
+        let residual = denoiser.residual(self.gpu).await?;
+        Ok(residual.map(|residual| residual.cropped(self.settings.crop)))
     }
 
     async fn bias_films_async(&self) -> Result<Option<BiasFilms>, RenderError> {

@@ -142,7 +142,8 @@ pub struct FramePlan {
     /// True if the camera's rays are traced, too, in place of a G-buffer: where `exact` traces any. The same
     /// holds for the other algorithms, so that all start from the same z1.
     pub traces_camera: bool,
-    /// True if glossy surfaces draw directions of their own, and paths follow mirrors and glass.
+    /// True if eye vertices draw directions of their own in place of the bundle's, since surfaces are glossy, and
+    /// paths follow mirrors and glass.
     pub own_directions: bool,
     /// True if light paths by way of smooth surfaces are connected to the camera, in the weights of the others.
     pub caustics: bool,
@@ -292,8 +293,7 @@ impl FramePlan {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
         self.filtered = self.grid.side > 1 && !settings.unfiltered;
-        self.measures_bias =
-            settings.target_error.is_some() && self.filtered && !settings.tame_outliers && settings.upsample == 1;
+        self.measures_bias = settings.target_error.is_some() && self.denoise().keeps_residual();
         self.skips_tiles = settings.skips_tiles() && !self.is_layered();
         self.adaptive = self.skips_tiles && settings.crop.is_none();
         self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;

@@ -1,0 +1,197 @@
+//! What the filter of interleaved pictures takes away, and how much of it a picture gets back.
+//!
+//! The filter averages neighbours, which removes noise, and detail with it. The residual d of a pixel is the mean of
+//! its frames without the filter minus that with it. Its expectation is minus the filter's bias; the variance v of
+//! the mean is known, since each frame has a residual. The picture is F + s d, with the filtered mean F and, in a
+//! square of pixels around each one,
+//!
+//!   s = max(1 - c sum v / sum d^2, 0),
+//!
+//! the positive-part estimator of James and Stein 1961 with c = 1. So a pixel keeps what is detail and loses what may
+//! be noise, and since v falls with the number of frames the picture converges to the truth.
+
+use crate::crop::Crop;
+use crate::film::Film;
+use crate::film::exr::{Channel, Picture};
+
+/// Pixels on either side of the middle of a square over which sums are taken. 5x5 and 7x7 pixels give dream-apartment
+/// the same rel_mse within 7 %, cornell_point within 4 %, with 4 to 12 frames.
+const REACH: usize = 3;
+
+/// c: above 1, since pixels of a class share light subpaths, so that their residuals err together. After 12 frames of
+/// 4x4 classes, rel_mse of dream-apartment and cornell_point with c = 1: 0.0021 and 0.0010; 1.5: 0.0022 and 0.0005;
+/// 2: 0.0027 and 0.0005; filtered: 0.0074 and 0.0005; unfiltered: 0.0060 and 0.016.
+const MARGIN: f64 = 1.5;
+
+/// Least number of frames from which a variance is estimated.
+const LEAST_FRAMES: u64 = 4;
+
+/// Names of the channels of a file.
+const CHANNELS: [&str; 4] = ["residual.R", "residual.G", "residual.B", "residual.square"];
+
+/// What the filter has taken away from a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Residual {
+    /// Mean of the frames' residuals, radiance.
+    pub mean: Film,
+    /// Mean of the square of a frame's residual, summed over R, G and B before.
+    pub square: Vec<f32>,
+    /// Number of frames.
+    pub frames: u64,
+}
+
+impl Residual {
+    /// Reads the channels of a picture of `frames` samples; none if it has no such channels.
+    #[must_use]
+    pub fn of(picture: &Picture, frames: u64) -> Option<Self> {
+        let [r, g, b, square] = CHANNELS.map(|name| picture.channel(name));
+        let pixels = r?.iter().zip(g?).zip(b?).map(|((&r, &g), &b)| [r, g, b]).collect();
+        let Film { width, height, .. } = picture.film;
+        Some(Self { mean: Film { width, height, pixels }, square: square?.to_vec(), frames })
+    }
+
+    /// Returns the pixels of a crop; without one, all of them. Near the border of a crop shares differ, since squares
+    /// end there.
+    #[must_use]
+    pub fn cropped(self, crop: Option<Crop>) -> Self {
+        let Some(region) = crop else { return self };
+        let square = region.pixels(self.mean.width).map(|pixel| self.square[pixel as usize]).collect();
+        Self { mean: self.mean.cropped(crop), square, frames: self.frames }
+    }
+
+    /// Returns the channels by which pictures of parts of the samples are merged.
+    #[must_use]
+    pub fn channels(&self) -> Vec<Channel> {
+        let values = |c: usize| match c {
+            3 => self.square.clone(),
+            _ => self.mean.pixels.iter().map(|pixel| pixel[c]).collect(),
+        };
+        CHANNELS.iter().enumerate().map(|(c, name)| Channel { name: (*name).to_owned(), values: values(c) }).collect()
+    }
+
+    /// Returns the picture of a filtered mean.
+    #[must_use]
+    pub fn combine(&self, filtered: &Film) -> Film {
+        self.added(filtered, &self.shares())
+    }
+
+    /// Returns the filtered mean of a picture.
+    #[must_use]
+    pub fn filtered(&self, picture: &Film) -> Film {
+        let shares: Vec<_> = self.shares().iter().map(|share| -share).collect();
+        self.added(picture, &shares)
+    }
+
+    /// Returns the unfiltered mean that belongs to a filtered one.
+    #[must_use]
+    pub fn unfiltered(&self, filtered: &Film) -> Film {
+        self.added(filtered, &vec![1.0; filtered.pixels.len()])
+    }
+
+    fn added(&self, film: &Film, shares: &[f32]) -> Film {
+        let add = |(pixel, mean): (&[f32; 3], &[f32; 3]), share: f32| -> [f32; 3] {
+            std::array::from_fn(|c| if share == 0.0 { pixel[c] } else { pixel[c] + share * mean[c] })
+        };
+        let pixels = film.pixels.iter().zip(&self.mean.pixels).zip(shares).map(|(both, &share)| add(both, share));
+        Film { width: film.width, height: film.height, pixels: pixels.collect() }
+    }
+
+    /// Returns the share of the residual that each pixel gets back.
+    #[must_use]
+    pub fn shares(&self) -> Vec<f32> {
+        if self.frames < LEAST_FRAMES {
+            return vec![0.0; self.square.len()];
+        }
+        let squares: Vec<_> =
+            self.mean.pixels.iter().map(|&[r, g, b]| (f64::from(r) + f64::from(g) + f64::from(b)).powi(2)).collect();
+        let variance = |(&square, mean): (&f32, &f64)| (f64::from(square) - mean).max(0.0) / (self.frames - 1) as f64;
+        let variances: Vec<_> = self.square.iter().zip(&squares).map(variance).collect();
+        let size = [self.mean.width as usize, self.mean.height as usize];
+        let [squares, variances] = [squares, variances].map(|values| sums_around(&values, size));
+        let share = |(square, variance): (f64, f64)| {
+            if square > MARGIN * variance { (1.0 - MARGIN * variance / square) as f32 } else { 0.0 }
+        };
+        squares.into_iter().zip(variances).map(share).collect()
+    }
+}
+
+/// Returns the sum of the values in the square around each pixel of an image of `columns` and `rows`.
+fn sums_around(values: &[f64], [columns, rows]: [usize; 2]) -> Vec<f64> {
+    let across: Vec<f64> = values.chunks_exact(columns.max(1)).flat_map(windows).collect();
+    let mut sums = vec![0.0; values.len()];
+    for column in 0..columns {
+        let down: Vec<_> = (0..rows).map(|row| across[row * columns + column]).collect();
+        for (row, sum) in windows(&down).enumerate() {
+            sums[row * columns + column] = sum;
+        }
+    }
+    sums
+}
+
+/// Returns the sums of the values up to [`REACH`] places around each one.
+fn windows(line: &[f64]) -> impl Iterator<Item = f64> {
+    (0..line.len()).map(|at| line[at.saturating_sub(REACH)..(at + REACH + 1).min(line.len())].iter().sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIDE: u32 = 32;
+
+    /// Returns what `frames` frames take away: `bias` in the left half, and noise of deviation 1.
+    fn residual(bias: f32, frames: u64) -> Residual {
+        let noise = |at: u64| {
+            let mixed = (at + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            (((mixed ^ (mixed >> 32)) >> 40) as f32 / (1 << 24) as f32 - 0.5) * 12.0_f32.sqrt()
+        };
+        let mut all = Residual { mean: Film::new(SIDE, SIDE), square: vec![0.0; (SIDE * SIDE) as usize], frames };
+        for (at, (mean, square)) in all.mean.pixels.iter_mut().zip(&mut all.square).enumerate() {
+            let bias = if at as u32 % SIDE < SIDE / 2 { bias } else { 0.0 };
+            for frame in 0..frames {
+                let value = (bias + noise(at as u64 * frames + frame)) / 3.0;
+                mean.iter_mut().for_each(|mean| *mean += value / frames as f32);
+                *square += 9.0 * value * value / frames as f32;
+            }
+        }
+        all
+    }
+
+    /// Detail comes back, and noise stays away; the more so, the more frames there are.
+    #[test]
+    fn detail_comes_back_and_noise_does_not() {
+        let halves = |bias: f32, frames: u64| {
+            let shares = residual(bias, frames).shares();
+            let half = |right: u32| {
+                let middle = |at: u32| at / (SIDE / 2) == right && (at % (SIDE / 2)).abs_diff(SIDE / 4) < 4;
+                let all: Vec<_> = shares
+                    .chunks(SIDE as usize)
+                    .flat_map(|row| (0..SIDE).filter(|&at| middle(at)).map(|at| row[at as usize]))
+                    .collect();
+                all.iter().sum::<f32>() / all.len() as f32
+            };
+            [half(0), half(1)]
+        };
+        let [detail, noise] = halves(2.0, 16);
+        assert!(detail > 0.9 && noise < 0.05, "{detail} {noise}");
+        let faint = [4, 64, 1024].map(|frames| halves(0.3, frames)[0]);
+        assert!(faint[0] < 0.3 && faint[1] > 0.5 && faint[2] > 0.95, "{faint:?}");
+        assert!(halves(9.0, LEAST_FRAMES - 1) == [0.0; 2], "too few frames have no variance");
+    }
+
+    /// A picture gives back the filtered mean that it was made of.
+    #[test]
+    fn combining_is_undone() {
+        let residual = residual(1.0, 8);
+        let filtered = Film { pixels: vec![[0.5, 1.0, 2.0]; (SIDE * SIDE) as usize], width: SIDE, height: SIDE };
+        let picture = residual.combine(&filtered);
+        assert!(picture != filtered);
+        let back = residual.filtered(&picture);
+        let apart = back.pixels.iter().flatten().zip(filtered.pixels.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f32::max) < 1e-5);
+        let channels = residual.channels();
+        let of_file = Picture { film: picture, channels, ..Picture::default() };
+        assert_eq!(Residual::of(&of_file, 8), Some(residual));
+    }
+}
