@@ -107,6 +107,8 @@
 
 #[cfg(not(target_family = "wasm"))]
 pub mod bench;
+#[cfg(feature = "cli")]
+pub mod cli;
 pub mod crop;
 pub mod film;
 pub mod gpu;

@@ -1,8 +1,5 @@
-//! The program `lightsheaf`: parses the command line, runs the command, prints an error once, sets the exit
-//! code.
-
-mod cli;
+//! The program `lightsheaf`: runs the command line and sets the exit code.
 
 fn main() -> std::process::ExitCode {
-    cli::run()
+    lightsheaf::cli::run()
 }

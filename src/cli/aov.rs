@@ -4,14 +4,16 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use lightsheaf::film::Film;
-use lightsheaf::film::cryptomatte;
-use lightsheaf::film::exr::{Channel, Picture};
-use lightsheaf::film::oidn::{self, Guides};
-use lightsheaf::reference::aov::Aovs;
-use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::scene::Scene;
-use lightsheaf::settings::{OnlyStrategy, Settings, Technique};
+use crate::film::Film;
+use crate::film::cryptomatte;
+use crate::film::exr::{Channel, Picture};
+use crate::film::oidn::{self, Guides};
+use crate::reference::aov::Aovs;
+use crate::reference::{Reference, ReferenceSettings};
+use crate::scene::Scene;
+use crate::settings::{OnlyStrategy, Settings, Technique};
+
+use super::light_groups::{self, GroupFilm};
 
 /// Rays per pixel.
 const RAYS: u32 = 32;
@@ -53,6 +55,10 @@ pub struct LayerArgs {
     /// the picture; the others are the same for all methods, and without noise of light
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = LAYERS)]
     pub aov: Vec<Aov>,
+    /// Light groups with a layer of their own, light_NAME, separated by commas: names of lights, of emissive materials,
+    /// or `environment`; the rest of the light is light_rest. Each takes the time of the picture
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', help_heading = LAYERS)]
+    pub light_groups: Vec<String>,
     /// Leave the environment behind the scene out of the .exr; A says how much of a pixel is covered
     #[arg(long, help_heading = LAYERS)]
     pub transparent: bool,
@@ -79,10 +85,18 @@ impl LayerArgs {
         self.aov.iter().any(|aov| aov.is_light())
     }
 
+    /// True if layers are rendered after the picture, by the method of the picture.
+    pub fn renders_light(&self) -> bool {
+        self.splits_light() || !self.light_groups.is_empty()
+    }
+
     /// Checks that there is an .exr for the layers.
     pub fn check(&self, has_exr: bool, has_png: bool) -> Result<()> {
         if !self.aov.is_empty() && !has_exr {
             bail!("--aov: layers are written to an .exr; give one by -o");
+        }
+        if !self.light_groups.is_empty() && !has_exr {
+            bail!("--light-groups: layers are written to an .exr; give one by -o");
         }
         if self.transparent && (!has_exr || has_png) {
             bail!("--transparent: only an .exr holds coverage; give one by -o, and no .png");
@@ -111,6 +125,7 @@ impl LayerArgs {
         // Only the command says whether the sky was taken out.
         let command = picture.record.as_ref().map_or("", |record| &record.command);
         self.aov.iter().all(|aov| has(first(aov)))
+            && self.light_groups.iter().all(|group| has(&format!("{}.", light_groups::layer(group))))
             && self.denoise == has("noisy.")
             && self.transparent == command.contains("--transparent")
     }
@@ -130,31 +145,27 @@ impl LayerArgs {
         scene: &Scene,
         aovs: Option<&Aovs>,
         light: Option<&SplitLight>,
+        groups: &[GroupFilm],
     ) -> Result<Picture> {
         let mut picture = Picture { film: film.clone(), ..Picture::default() };
         if let Some(aovs) = aovs {
             self.add_traced(&mut picture, film, scene, aovs)?;
         }
+        // Denoising is not linear: what it changes belongs to no part.
+        let sky = minus(film, if self.denoise { film } else { &picture.film });
         if let Some(light) = light {
-            // Denoising is not linear: what it changes belongs to no part.
-            let shown = if self.denoise { film.clone() } else { picture.film.clone() };
-            self.add_light(&mut picture, &shown, film, light);
+            self.add_light(&mut picture, &Film { pixels: sky.clone(), ..*film }, film, light);
         }
+        picture.channels.extend(light_groups::channels(groups, &sky));
         Ok(picture)
     }
 
-    /// Adds the parts of the light, which sum to `shown`: `film` as it is, or without the sky behind the scene.
-    fn add_light(&self, picture: &mut Picture, shown: &Film, film: &Film, light: &SplitLight) {
-        let minus = |a: &Film, b: &Film| -> Vec<[f32; 3]> {
-            a.pixels.iter().zip(&b.pixels).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect()
-        };
+    /// Adds the parts of the light, which sum to `film` without the sky that was taken out of it.
+    fn add_light(&self, picture: &mut Picture, sky: &Film, film: &Film, light: &SplitLight) {
         let SplitLight { once, seen } = light;
         for aov in &self.aov {
             picture.channels.extend(match aov {
-                Aov::Emission => {
-                    let sky = Film { pixels: minus(film, shown), ..*film };
-                    three(["emission.R", "emission.G", "emission.B"], &minus(seen, &sky))
-                }
+                Aov::Emission => three(["emission.R", "emission.G", "emission.B"], &minus(seen, sky)),
                 Aov::Direct => three(["direct.R", "direct.G", "direct.B"], &minus(once, seen)),
                 Aov::Indirect => three(INDIRECT, &minus(film, once)),
                 _ => continue,
@@ -236,6 +247,11 @@ impl SplitLight {
     }
 }
 
+/// Returns the difference of two films.
+fn minus(a: &Film, b: &Film) -> Vec<[f32; 3]> {
+    a.pixels.iter().zip(&b.pixels).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect()
+}
+
 /// Returns three channels.
 pub fn three(names: [&str; 3], values: &[[f32; 3]]) -> [Channel; 3] {
     [0, 1, 2].map(|c| Channel { name: names[c].to_owned(), values: values.iter().map(|value| value[c]).collect() })
@@ -250,8 +266,7 @@ fn uncover(film: &mut Film, aovs: &Aovs) {
 
 /// Adds the layers of objects and of materials.
 fn add_identifiers(picture: &mut Picture, scene: &Scene, aovs: &Aovs) {
-    let mesh =
-        |(n, instance): (usize, &lightsheaf::scene::Instance)| format!("{}.{n}", scene.meshes[instance.mesh].name);
+    let mesh = |(n, instance): (usize, &crate::scene::Instance)| format!("{}.{n}", scene.meshes[instance.mesh].name);
     let mut objects: Vec<String> = scene.instances.iter().enumerate().map(mesh).collect();
     objects.push("tessellated".to_owned());
     let materials: Vec<String> =

@@ -7,15 +7,15 @@ use anyhow::{Context as _, Result, bail};
 use clap::Parser as _;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use lightsheaf::bench::contender::{device, ours};
-use lightsheaf::bench::report::{FILES, Machine, Report};
-use lightsheaf::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, race, truth};
-use lightsheaf::film::Film;
-use lightsheaf::gpu::{Gpu, GpuError};
-use lightsheaf::render::adapt::adapted;
-use lightsheaf::scene::{Scene, Viewpoint};
-use lightsheaf::settings::{BUDGETS, Settings, Technique, UNLIMITED, parse_bounces};
-use lightsheaf::staging::{self, Staging};
+use crate::bench::contender::{device, ours};
+use crate::bench::report::{FILES, Machine, Report};
+use crate::bench::{Contender, Entry, Peer, PeerCommand, Schedule, Truth, race, truth};
+use crate::film::Film;
+use crate::gpu::{Gpu, GpuError};
+use crate::render::adapt::adapted;
+use crate::scene::{Scene, Viewpoint};
+use crate::settings::{BUDGETS, Settings, Technique, UNLIMITED, parse_bounces};
+use crate::staging::{self, Staging};
 
 use super::output;
 

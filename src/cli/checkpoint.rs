@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, anyhow, bail};
 use sha2::{Digest as _, Sha256};
 
-use lightsheaf::film;
-use lightsheaf::render::convergence::Convergence;
-use lightsheaf::render::fingerprint;
-use lightsheaf::render::state::RenderState;
-use lightsheaf::scene::Scene;
-use lightsheaf::settings::Settings;
+use crate::film;
+use crate::render::convergence::Convergence;
+use crate::render::fingerprint;
+use crate::render::state::RenderState;
+use crate::scene::Scene;
+use crate::settings::Settings;
 
 /// First line of a file.
 const MAGIC: &[u8] = b"lightsheaf checkpoint 1\n";
@@ -157,7 +157,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("lightsheaf-checkpoint-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("a.checkpoint");
-        let scene = lightsheaf::scene::load("builtin:cornell_point").unwrap();
+        let scene = crate::scene::load("builtin:cornell_point").unwrap();
         let settings = Settings::default();
         let identity = |scene: &Scene, settings: &Settings| {
             Identity::new(scene, &fingerprint::scene_hash(scene), settings, "CPU".to_owned())
@@ -165,7 +165,7 @@ mod tests {
         let own = identity(&scene, &settings);
         let state = RenderState { next: 7, buffers: vec![vec![1, 2, 3], vec![], vec![9; 5]], ..RenderState::default() };
         let mut convergence = Convergence::new(20, 20);
-        convergence.update(4, &lightsheaf::film::Film::new(20, 20), None);
+        convergence.update(4, &crate::film::Film::new(20, 20), None);
         let convergence = Some(convergence);
         let saved = Saved { samples: 7, taken: 0, seconds: 1.5, error_scale: Some(0.1), convergence, state };
         write(&path, &own, &saved).unwrap();
@@ -183,7 +183,7 @@ mod tests {
         );
         let longer = identity(&scene, &Settings { samples: 9, ..settings.clone() });
         assert!(read(&path, &longer).is_ok(), "it may go on for longer");
-        let other = lightsheaf::scene::load("builtin:cornell_area").unwrap();
+        let other = crate::scene::load("builtin:cornell_area").unwrap();
         refused(&identity(&other, &settings), "builtin:cornell_area differs");
         refused(&Identity { version: "9.9.9".to_owned(), ..own.clone() }, "this is 9.9.9");
 

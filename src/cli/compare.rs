@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 
-use lightsheaf::film::Film;
-use lightsheaf::metrics::{self, Comparison};
+use crate::film::Film;
+use crate::metrics::{self, Comparison};
 
 use super::output;
 

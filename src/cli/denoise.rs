@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Result, bail};
 
-use lightsheaf::film;
-use lightsheaf::film::exr::Picture;
-use lightsheaf::film::oidn::{self, Guides};
+use crate::film;
+use crate::film::exr::Picture;
+use crate::film::oidn::{self, Guides};
 
 use super::aov::{NOISY, three};
 use super::output;

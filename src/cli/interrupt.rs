@@ -56,6 +56,11 @@ impl Interrupt {
         self.rendering.store(true, Ordering::Relaxed);
     }
 
+    /// Asks a render to stop, as a signal does.
+    pub fn request(&self) {
+        self.requested.store(true, Ordering::Relaxed);
+    }
+
     /// True if a signal has arrived.
     pub fn requested(&self) -> bool {
         self.requested.load(Ordering::Relaxed)

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-use lightsheaf::film::Film;
-use lightsheaf::film::exr::{Channel, Picture};
-use lightsheaf::film::record::{Record, SampleRange};
-use lightsheaf::film::residual::Residual;
-use lightsheaf::render::fingerprint;
+use crate::film::Film;
+use crate::film::exr::{Channel, Picture};
+use crate::film::record::{Record, SampleRange};
+use crate::film::residual::Residual;
+use crate::render::fingerprint;
 
 use super::aov::{INDIRECT, NOISY};
 use super::output;

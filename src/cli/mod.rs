@@ -1,4 +1,4 @@
-//! Command line: `render`, `view`, `merge`, `denoise`, `compare`, `bench`, `plan`, `stress`, `scenes`.
+//! Command line (feature `cli`): `render`, `view`, `merge`, `denoise`, `compare`, `bench`, `plan`, `stress`, `scenes`.
 //!
 //! Results and lines of `--json-progress` go to stdout or to the requested files; warnings, notes, progress and
 //! the closing line go to stderr.
@@ -15,7 +15,9 @@ mod bench;
 mod checkpoint;
 mod compare;
 mod denoise;
+pub mod embedded;
 mod interrupt;
+mod light_groups;
 mod merge;
 mod output;
 mod preview;
@@ -26,17 +28,18 @@ mod stress;
 mod view;
 mod window;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use lightsheaf::gpu::{Gpu, GpuError};
-use lightsheaf::scene;
-use lightsheaf::scene::load::{FORMATS, Format};
-use lightsheaf::settings::{Method, Settings, Technique, Visibility};
-use lightsheaf::stress::messages::Listener;
+use crate::gpu::{Gpu, GpuError};
+use crate::scene;
+use crate::scene::load::{FORMATS, Format};
+use crate::settings::{Method, Settings, Technique, Visibility};
+use crate::stress::messages::Listener;
 
 use view::{View, ViewArgs};
 
@@ -86,7 +89,8 @@ struct PlanArgs {
     json: bool,
 }
 
-/// Parses the arguments and runs the command.
+/// Parses the arguments of the process and runs the command.
+#[must_use]
 pub fn run() -> ExitCode {
     // Errors are printed once, below. RUST_LOG enables the log messages of the libraries.
     let logger = env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).build();
@@ -95,41 +99,52 @@ pub fn run() -> ExitCode {
     if log::set_boxed_logger(Box::new(Listener(logger))).is_ok() {
         log::set_max_level(level);
     }
-    let parsed = Cli::command().try_get_matches().and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, matches)));
-    let parsed = parsed.and_then(|(cli, matches)| check_short_names(&matches).map(|()| (cli, matches)));
-    let (cli, matches) = match parsed {
-        Ok(parsed) => parsed,
+    match parse(Cli::command(), std::env::args_os()) {
+        Ok(command) => run_command(command).unwrap_or_else(|e| {
+            eprintln!("error: {e:#}");
+            ExitCode::from(2)
+        }),
         Err(e) => {
             // If the terminal is closed, the message is lost and only the exit code remains.
             let _ = e.print();
-            return ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(2));
+            ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(2))
         }
-    };
-    let done = match cli.command {
-        Command::Render(mut args) => {
+    }
+}
+
+/// Parses the words of a command line, the first of which is the name of the program, and completes what depends on
+/// which options were given.
+fn parse(command: clap::Command, words: impl IntoIterator<Item = OsString>) -> Result<Command, clap::Error> {
+    let matches = command.try_get_matches_from(words)?;
+    let mut cli = Cli::from_arg_matches(&matches)?;
+    check_short_names(&matches)?;
+    match &mut cli.command {
+        Command::Render(args) => {
             args.view.settings.crop = args.crop;
             match args.sample_range {
                 Some(range) => args.view.settings.samples = range.count().try_into().unwrap_or(u32::MAX),
                 None => end_by_default(&mut args.view.settings, &matches),
             }
-            render::run(&args)
         }
+        Command::Plan(args) => end_by_default(&mut args.view.settings, &matches),
+        _ => {}
+    }
+    Ok(cli.command)
+}
+
+/// Runs a command.
+fn run_command(command: Command) -> Result<ExitCode> {
+    match command {
+        Command::Render(args) => render::run(&args),
         Command::View(args) => window::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Merge(args) => merge::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Denoise(args) => denoise::run(&args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(&args),
         Command::Bench(args) => bench::run(&args).map(|()| ExitCode::SUCCESS),
-        Command::Plan(mut args) => {
-            end_by_default(&mut args.view.settings, &matches);
-            plan(&args).map(|()| ExitCode::SUCCESS)
-        }
+        Command::Plan(args) => plan(&args).map(|()| ExitCode::SUCCESS),
         Command::Stress(args) => stress::run(&args),
         Command::Scenes => scenes().map(|()| ExitCode::SUCCESS),
-    };
-    done.unwrap_or_else(|e| {
-        eprintln!("error: {e:#}");
-        ExitCode::from(2)
-    })
+    }
 }
 
 /// Rejects short names of methods with ray queries together with another visibility.
@@ -167,7 +182,7 @@ fn plan(args: &PlanArgs) -> Result<()> {
         bail!("--method reference: the reference has no plan, since it does the same for every scene");
     }
     let View { scene, settings, animations } = args.view.load()?;
-    let (text, json) = lightsheaf::render::plan(&open(settings.technique)?, &scene, &settings)?;
+    let (text, json) = crate::render::plan(&open(settings.technique)?, &scene, &settings)?;
     if args.json {
         return output::print(&serde_json::to_string_pretty(&json)?);
     }

@@ -3,8 +3,8 @@
 use std::io::{self, Write as _};
 use std::path::Path;
 
+use crate::film;
 use anyhow::{Context as _, Result, bail};
-use lightsheaf::film;
 
 /// Returns the command line, quoted for a shell.
 pub fn command_line() -> String {

@@ -7,7 +7,7 @@ use std::io::{self, Write as _};
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::time::{Duration, Instant};
 
-use lightsheaf::film::Film;
+use crate::film::Film;
 
 /// Kinds of packets.
 const CREATE_IMAGE: u8 = 4;

@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
+use crate::crop::Crop;
+use crate::film::Film;
+use crate::reference::{Reference, ReferenceSettings, Rounds};
+use crate::render::renderer::BatchSize;
+use crate::render::state::RenderState;
+use crate::render::{RenderError, RenderStats, Renderer};
+use crate::scene::Scene;
+use crate::settings::{OnlyStrategy, Settings, UNLIMITED};
 use async_trait::async_trait;
-use lightsheaf::crop::Crop;
-use lightsheaf::film::Film;
-use lightsheaf::reference::{Reference, ReferenceSettings, Rounds};
-use lightsheaf::render::renderer::BatchSize;
-use lightsheaf::render::state::RenderState;
-use lightsheaf::render::{RenderError, RenderStats, Renderer};
-use lightsheaf::scene::Scene;
-use lightsheaf::settings::{OnlyStrategy, Settings, UNLIMITED};
 
 /// Progressive renderer of the CPU reference.
 pub struct ReferenceRenderer<'s> {

@@ -9,24 +9,25 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
 
-use lightsheaf::crop::Crop;
-use lightsheaf::film::exr::{Picture, Window};
-use lightsheaf::film::record::{Record, SampleRange};
-use lightsheaf::film::residual::Residual;
-use lightsheaf::film::{Film, has_extension};
-use lightsheaf::gpu::{Gpu, GpuError, PassTime};
-use lightsheaf::reference::aov::Aovs;
-use lightsheaf::render::convergence::Convergence;
-use lightsheaf::render::fingerprint;
-use lightsheaf::render::renderer::ViewRequests;
-use lightsheaf::render::{self, RenderError, RenderStats, Renderer};
-use lightsheaf::scene::{Geometry, Scene};
-use lightsheaf::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
+use crate::crop::Crop;
+use crate::film::exr::{Picture, Window};
+use crate::film::record::{Record, SampleRange};
+use crate::film::residual::Residual;
+use crate::film::{Film, has_extension};
+use crate::gpu::{Gpu, GpuError, PassTime};
+use crate::reference::aov::Aovs;
+use crate::render::convergence::Convergence;
+use crate::render::fingerprint;
+use crate::render::renderer::ViewRequests;
+use crate::render::{self, RenderError, RenderStats, Renderer};
+use crate::scene::{Geometry, Scene};
+use crate::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, Method, OnlyStrategy, SAMPLES, Settings, UNLIMITED};
+use crate::tonemap::{Exposure, Grade, Tonemap, auto_exposure};
 
 use super::aov::{LayerArgs, SplitLight};
 use super::checkpoint::{self, Identity, Saved};
 use super::interrupt::{self, Interrupt};
+use super::light_groups::{self, GroupFilm};
 use super::output;
 use super::preview::{self, Preview};
 use super::progress::{Progress, Reporter};
@@ -124,9 +125,15 @@ impl RenderArgs {
         self.output.iter().any(|path| has_extension(path, "png"))
     }
 
+    /// True if the picture keeps its layers: in an .exr, or for the program that asks for it.
+    fn keeps_layers(&self) -> bool {
+        self.output.is_empty() || self.output.iter().any(|path| has_extension(path, "exr"))
+    }
+
     /// Returns the name of the picture in a viewer.
     fn shown_name(&self) -> String {
-        self.output[0].file_name().unwrap_or_default().to_string_lossy().into_owned()
+        let name = self.output.first().and_then(|path| path.file_name());
+        name.map_or_else(|| self.view.scene.clone(), |name| name.to_string_lossy().into_owned())
     }
 
     /// Returns the arguments of each camera's picture, whose word on the command line replaces `{camera}` in the
@@ -156,7 +163,7 @@ impl RenderArgs {
             }
         }
         let all: Vec<Self> = cameras.iter().map(|camera| self.of_camera(camera)).collect();
-        let outputs: BTreeSet<&PathBuf> = all.iter().map(|args| &args.output[0]).collect();
+        let outputs: BTreeSet<_> = all.iter().map(|args| args.output.first()).collect();
         if outputs.len() < all.len() {
             bail!("--camera: two are called alike; give each once");
         }
@@ -263,6 +270,21 @@ pub fn run(args: &RenderArgs) -> Result<ExitCode> {
     Ok(if interrupt.requested() { ExitCode::from(interrupt::EXIT_CODE) } else { ExitCode::SUCCESS })
 }
 
+/// Renders a single picture, writes its files if there are any, and returns it.
+pub fn picture(args: &RenderArgs, interrupt: &Interrupt) -> Result<Picture> {
+    let several = [
+        ("--frames", args.frames.is_some()),
+        ("--turntable", args.turntable.is_some()),
+        ("--camera", args.view.camera.len() > 1),
+    ];
+    if let Some((option, _)) = several.iter().find(|(_, given)| *given) {
+        bail!("{option}: asks for several pictures; render one at a time");
+    }
+    check_outputs(args)?;
+    let picture = render_camera(args, interrupt, &RefCell::default())?;
+    picture.context("no picture was rendered")
+}
+
 fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
     let cameras = args.by_camera()?;
     cameras.iter().try_for_each(check_outputs)?;
@@ -275,8 +297,8 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
     Ok(())
 }
 
-/// Renders the pictures of one camera. The device is opened if there is none, and kept.
-fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Option<Gpu>>) -> Result<()> {
+/// Renders the pictures of one camera, and returns the last one. The device is opened if there is none, and kept.
+fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Option<Gpu>>) -> Result<Option<Picture>> {
     let (grade, frames) = (OnceCell::new(), frames(args)?);
     let preview = RefCell::new(args.preview.as_ref().map(|address| Preview::connect(address, args.shown_name())));
     let preview = &preview;
@@ -309,9 +331,9 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
                 all: 1,
                 kept,
             };
-            job.run(gpu.as_ref(), &mut Renderers::default())?;
+            let picture = job.run(gpu.as_ref(), &mut Renderers::default())?;
             device.replace(gpu);
-            Ok(())
+            Ok(Some(picture))
         });
     }
     let (loaded, mut settings) = args.view.open()?;
@@ -337,6 +359,7 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
     let mut began = Instant::now();
     let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
     let (mut renderers, mut scene, mut before, all) = (Renderers::default(), first, None, frames.len());
+    let mut last = None;
     for (n, &frame) in frames.iter().enumerate() {
         if n > 0 && interrupt.requested() {
             break;
@@ -352,12 +375,12 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
         let job =
             Job { args, interrupt, grade, preview, load, began, scene, before, settings, animations, frame, all, kept };
         if !(args.skip_existing && job.skip()) {
-            job.run(gpu.as_ref(), &mut renderers)?;
+            last = Some(job.run(gpu.as_ref(), &mut renderers)?);
         }
     }
     drop(renderers);
     device.replace(gpu);
-    Ok(())
+    Ok(last)
 }
 
 /// Returns the centre of a scene.
@@ -368,7 +391,7 @@ fn centre(scene: &Scene) -> glam::Vec3 {
 
 /// Renders, and opens the device again as often as it is lost after further samples. `samples` returns the
 /// samples that are kept.
-fn go_on_after_losses(samples: &dyn Fn() -> u64, attempt: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+fn go_on_after_losses<T>(samples: &dyn Fn() -> u64, attempt: &mut dyn FnMut() -> Result<T>) -> Result<T> {
     let mut losses = (0, 0);
     loop {
         let error = match attempt() {
@@ -442,15 +465,18 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
             "--skip-existing: is for --frames and --turntable; a single picture goes on by --checkpoint and --resume"
         );
     }
-    args.layers.check(args.output.iter().any(|path| has_extension(path, "exr")), args.writes_png())?;
-    if args.layers.splits_light() && args.view.settings.history > 0 {
-        bail!("--aov emission, direct and indirect: frames with --history hold a part of those before; leave it out");
+    args.layers.check(args.keeps_layers(), args.writes_png())?;
+    if args.layers.renders_light() && args.view.settings.history > 0 {
+        bail!("layers of light: frames with --history hold a part of those before; leave it out");
     }
     if let Some(seconds) = args.checkpoint {
         if !CHECKPOINTS.contains(&seconds) {
             bail!("--checkpoint {seconds}: has to be {} to {} seconds", CHECKPOINTS.start(), CHECKPOINTS.end());
         }
-        output::check(&checkpoint::path_of(&args.output[0]), &["checkpoint"])?;
+        let Some(output) = args.output.first() else {
+            bail!("--checkpoint: the checkpoint lies beside the picture; give --output")
+        };
+        output::check(&checkpoint::path_of(output), &["checkpoint"])?;
     }
     if let Some(range) = args.sample_range.filter(|range| range.last > (*SAMPLES.end()).into()) {
         bail!("--sample-range {range}: the last sample has to be {} at most", SAMPLES.end());
@@ -458,7 +484,7 @@ fn check_outputs(args: &RenderArgs) -> Result<()> {
     let GradeArgs { exposure, tonemap } = &args.grade;
     for (option, given) in [("--exposure", exposure.is_some()), ("--tonemap", tonemap.is_some())] {
         if given && !args.writes_png() {
-            bail!("{option}: {} holds linear radiance; write a .png, or omit the option", args.output[0].display());
+            bail!("{option}: {} holds linear radiance; write a .png, or omit the option", args.shown_name());
         }
     }
     Ok(())
@@ -522,6 +548,7 @@ struct Kept {
     light: RefCell<Option<SplitLight>>,
     /// What the filter took away from a picture that may be merged with others.
     residual: RefCell<Option<Residual>>,
+    groups: RefCell<Vec<GroupFilm>>,
 }
 
 /// The renderers of the pictures of an animation.
@@ -535,13 +562,12 @@ struct Renderers<'gpu> {
 impl Job<'_> {
     /// Renders and writes the picture; without a device, by the reference. The renderers are reused from frame to
     /// frame.
-    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderers: &mut Renderers<'gpu>) -> Result<()> {
+    fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderers: &mut Renderers<'gpu>) -> Result<Picture> {
+        light_groups::check(self.scene, &self.args.layers.light_groups)?;
         let Some(gpu) = gpu else { return self.reference() };
         let renderer = self.posed(gpu, &mut renderers.picture, self.settings)?;
-        if self.frame.is_some() && self.args.layers.splits_light() && renderer.is_denoised() {
-            bail!(
-                "--aov emission, direct and indirect: filtered frames hold a part of those before; give --interleave 1"
-            );
+        if self.frame.is_some() && self.args.layers.renders_light() && renderer.is_denoised() {
+            bail!("layers of light: filtered frames hold a part of those before; give --interleave 1");
         }
         let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
@@ -549,18 +575,25 @@ impl Job<'_> {
         if self.args.sample_range.is_some() || stats.ended_by == Ending::Interrupt {
             *self.kept.residual.borrow_mut() = renderer.residual()?;
         }
-        let samples = stats.samples;
+        let (samples, end) = (stats.samples, renderer.samples());
+        let range = end - samples..end;
         if self.args.layers.splits_light() {
-            let (settings, end) = (renderer.aligned(SplitLight::settings(self.settings)), renderer.samples());
+            let settings = renderer.aligned(SplitLight::settings(self.settings));
             let light = self.posed(gpu, &mut renderers.light, &settings)?;
-            self.split_light(end - samples..end, light.as_mut())?;
+            self.split_light(&range, light.as_mut())?;
         }
-        self.finish(&film, stats, reporter)?;
+        let settings = renderer.aligned(Settings { target_error: None, budget: None, ..self.settings.clone() });
+        self.light_groups(&|scene| {
+            let mut renderer = render::open(gpu, scene, &settings)?;
+            Ok(self.render_samples(&range, renderer.as_mut())?)
+        })?;
+        let picture = self.finish(&film, stats, reporter)?;
         self.strategy_images(&mut |only| {
             renderer.set_only(Some(only))?;
             renderer.render(samples, &mut |_| !self.interrupt.requested())?;
             renderer.film()
-        })
+        })?;
+        Ok(picture)
     }
 
     /// Keeps the files of the picture if they are complete, and takes the exposure over. False if they are not.
@@ -575,8 +608,7 @@ impl Job<'_> {
         let (exposure, tonemap) = self.args.grade.chosen();
         self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
         if !self.args.quiet {
-            let shown: Vec<_> = files.iter().map(|path| path.display().to_string()).collect();
-            eprintln!("{}: complete, and kept", shown.join(", "));
+            eprintln!("{}: complete, and kept", shown_paths(&files));
         }
         self.reporter().end("existing", picture.record.map_or(0, |record| record.samples), 0.0);
         true
@@ -612,22 +644,47 @@ impl Job<'_> {
 
     /// Renders the parts of the light with the samples of the picture, which are numbered from 0. A signal leaves them
     /// out.
-    fn split_light(&self, samples: Range<u64>, renderer: &mut dyn Renderer) -> Result<(), RenderError> {
+    fn split_light(&self, samples: &Range<u64>, renderer: &mut dyn Renderer) -> Result<(), RenderError> {
         let bar = self.reporter();
         bar.count("direct light", 0, 1);
         let light = SplitLight::new(self.settings.technique, &mut |only| {
             renderer.set_only(only)?;
-            if samples.start > 0 {
-                renderer.begin_at(samples.start)?;
-            }
-            renderer.render(samples.end - samples.start, &mut |_| !self.interrupt.requested())?;
-            if renderer.samples() < samples.end { Ok(None) } else { renderer.film().map(Some) }
+            self.render_samples(samples, renderer)
         })?;
         if light.is_none() {
             eprintln!("note: the layers emission, direct and indirect are left out, since they were interrupted");
         }
         *self.kept.light.borrow_mut() = light;
         Ok(())
+    }
+
+    /// Renders the light groups with the samples of the picture. A signal leaves them out.
+    fn light_groups(&self, render: &dyn Fn(&Scene) -> Result<Option<Film>>) -> Result<()> {
+        let wanted = &self.args.layers.light_groups;
+        if wanted.is_empty() {
+            return Ok(());
+        }
+        let (mut bar, mut done) = (self.reporter(), 0);
+        let groups = light_groups::render(self.scene, wanted, &mut |scene| {
+            bar.count("light groups", done, wanted.len() as u64 + 1);
+            done += 1;
+            render(scene)
+        })?;
+        bar.clear(None);
+        if groups.is_none() {
+            eprintln!("note: the layers of light groups are left out, since they were interrupted");
+        }
+        *self.kept.groups.borrow_mut() = groups.unwrap_or_default();
+        Ok(())
+    }
+
+    /// Renders samples of the sequence; none if a signal ends the render before.
+    fn render_samples(&self, samples: &Range<u64>, renderer: &mut dyn Renderer) -> Result<Option<Film>, RenderError> {
+        if samples.start > 0 {
+            renderer.begin_at(samples.start)?;
+        }
+        renderer.render(samples.end - samples.start, &mut |_| !self.interrupt.requested())?;
+        if renderer.samples() < samples.end { Ok(None) } else { renderer.film().map(Some) }
     }
 
     /// Writes the image of each strategy of the method, with as many samples as the picture. A signal ends
@@ -716,14 +773,18 @@ impl Job<'_> {
     }
 
     /// Renders by the reference and writes the picture.
-    fn reference(&self) -> Result<()> {
+    fn reference(&self) -> Result<Picture> {
         let mut renderer = ReferenceRenderer::new(self.scene, self.settings);
         let (film, stats, reporter) = self.progressive(None, &mut renderer)?;
         let stats = Stats { rays: renderer.rounds.rays, ..stats };
+        let end = renderer.samples();
+        let samples = end - stats.samples..end;
         if self.args.layers.splits_light() {
-            let end = renderer.samples();
-            self.split_light(end - stats.samples..end, &mut renderer.of_direct_light())?;
+            self.split_light(&samples, &mut renderer.of_direct_light())?;
         }
+        self.light_groups(&|scene| {
+            Ok(self.render_samples(&samples, &mut ReferenceRenderer::new(scene, self.settings))?)
+        })?;
         self.finish(&film, stats, reporter)
     }
 
@@ -795,8 +856,8 @@ impl Job<'_> {
         }
     }
 
-    /// Writes the image files and the statistics, and prints the closing line.
-    fn finish(&self, film: &Film, mut stats: Stats, mut reporter: Reporter) -> Result<()> {
+    /// Writes the image files and the statistics, prints the closing line, and returns the picture.
+    fn finish(&self, film: &Film, mut stats: Stats, mut reporter: Reporter) -> Result<Picture> {
         if stats.non_finite > 0 {
             let first = stats.non_finite_after.iter().find(|(_, count)| *count > 0);
             let first = first.map(|(pass, _)| format!(", first after the pass {pass}")).unwrap_or_default();
@@ -833,7 +894,7 @@ impl Job<'_> {
             };
             eprintln!(
                 "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
-                paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", "),
+                if paths.is_empty() { self.args.shown_name() } else { shown_paths(&paths) },
                 film.width,
                 film.height,
                 self.outcome(&stats),
@@ -841,14 +902,14 @@ impl Job<'_> {
                 stats.device
             );
         }
-        if stats.ended_by == Ending::Interrupt {
+        if stats.ended_by == Ending::Interrupt && !paths.is_empty() {
             eprintln!("{}", self.how_to_go_on(stats.samples));
         } else if self.args.checkpoint.is_some() {
             // The picture is complete. There is no checkpoint if the render ended before the first one.
             let _ = std::fs::remove_file(checkpoint::path_of(&self.args.output[0]));
         }
         reporter.end(stats.ended_by, stats.samples, stats.seconds.render);
-        Ok(())
+        Ok(picture)
     }
 
     /// True if a viewer should see the picture as it is now.
@@ -862,7 +923,7 @@ impl Job<'_> {
         let first = self.args.sample_range.map_or(1, |range| range.first);
         let has_exr = self.args.output.iter().any(|path| has_extension(path, "exr"));
         // An interrupted picture lacks the parts of the light, and would not merge with the rest.
-        let parts = has_exr && history == 0 && !self.args.layers.splits_light();
+        let parts = has_exr && history == 0 && !self.args.layers.renders_light();
         if self.args.checkpoint.is_some() {
             let path = checkpoint::path_of(&self.args.output[0]);
             format!("to go on, give the same command with --resume {}", path.display())
@@ -882,10 +943,10 @@ impl Job<'_> {
     /// Returns the picture with its layers.
     fn picture(&self, film: &Film) -> Result<Picture> {
         let aovs = self.kept.aovs.get_or_init(|| self.args.layers.trace(self.scene, self.before, self.settings));
-        let light = self.kept.light.borrow();
+        let (light, groups) = (self.kept.light.borrow(), self.kept.groups.borrow());
         let Settings { width, height, crop, .. } = *self.settings;
         let window = crop.map(|crop| Window { crop, size: [width, height] });
-        let mut picture = self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref())?;
+        let mut picture = self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref(), &groups)?;
         picture.channels.extend(self.kept.residual.borrow().iter().flat_map(Residual::channels));
         Ok(Picture { window, ..picture })
     }
@@ -1200,6 +1261,11 @@ fn two_digits(value: f64) -> String {
     format!("{value:.places$}")
 }
 
+/// Lists files for a line of text.
+fn shown_paths(paths: &[PathBuf]) -> String {
+    paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}
+
 /// Returns the file name of a frame: `out.exr` becomes `out_0007.exr`.
 fn numbered(path: &Path, number: u32) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
@@ -1307,7 +1373,7 @@ mod tests {
         assert!(attempt(false, MAX_LOSSES).is_ok());
         assert!(attempt(false, 20).is_err_and(|error| error.to_string().contains("was lost")));
         assert_eq!(attempts.get(), MAX_LOSSES + 1);
-        let other = go_on_after_losses(&|| 0, &mut || {
+        let other: Result<()> = go_on_after_losses(&|| 0, &mut || {
             attempts.set(0);
             bail!("another error")
         });

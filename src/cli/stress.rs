@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use lightsheaf::gpu::Gpu;
-use lightsheaf::stress::{CASES, Case, Report, run as run_cases, select};
+use crate::gpu::Gpu;
+use crate::stress::{CASES, Case, Report, run as run_cases, select};
 
 use super::output;
 

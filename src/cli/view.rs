@@ -1,15 +1,16 @@
 //! Options of `render`, `view` and `plan`: scene, camera, environment, animation and settings.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
 use glam::{Affine3A, Vec3};
 
-use lightsheaf::render::adapt::{adapted, warnings};
-use lightsheaf::scene::{Camera, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
-use lightsheaf::settings::Settings;
-use lightsheaf::staging::{self, CameraChoice, Staging};
-use lightsheaf::tonemap::{Exposure, Tonemap};
+use crate::render::adapt::{adapted, warnings};
+use crate::scene::{self, Camera, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
+use crate::settings::Settings;
+use crate::staging::{self, CameraChoice, Staging};
+use crate::tonemap::{Exposure, Tonemap};
 
 /// Arguments that select the scene, its camera and light, and the settings.
 #[derive(Clone, clap::Args)]
@@ -61,7 +62,20 @@ pub struct ViewArgs {
     /// including a sky's sun
     #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, help_heading = ENVIRONMENT)]
     pub env_rotate: Option<f32>,
+    /// The scene's file in memory, if it was loaded before.
+    #[arg(skip)]
+    pub loaded: Option<Arc<LoadedFile>>,
 }
+
+/// A scene as its file describes it, without the camera and the light that are added to it.
+pub struct LoadedFile {
+    pub scene: Scene,
+    /// What it was loaded by.
+    source: Source,
+}
+
+/// What the contents of a scene's file depend on: its name, the variant of its materials and its environment.
+type Source = (String, Option<String>, EnvironmentChange);
 
 /// Display options of `render` and `view`.
 #[derive(Clone, clap::Args)]
@@ -144,7 +158,24 @@ impl ViewArgs {
         // The check comes first, since loading a large scene takes long. The scene may say the size of the image.
         Settings { crop: settings.crop.filter(|_| self.size.is_some()), ..settings.clone() }.check()?;
         let staging = self.staging([settings.width, settings.height])?;
-        Ok((staging::load(&self.scene, &staging)?, settings))
+        let source = self.source()?;
+        let mut scene = match &self.loaded {
+            Some(loaded) if loaded.source == source => loaded.scene.clone(),
+            _ => self.load_file()?.scene,
+        };
+        staging::complete(&mut scene, &staging)?;
+        Ok((scene, settings))
+    }
+
+    /// Loads the scene's file.
+    pub fn load_file(&self) -> Result<LoadedFile> {
+        let source = self.source()?;
+        Ok(LoadedFile { scene: scene::load_with(&source.0, source.1.as_deref(), &source.2)?, source })
+    }
+
+    /// Returns what the contents of the scene's file depend on.
+    fn source(&self) -> Result<Source> {
+        Ok((self.scene.clone(), self.variant.clone(), self.environment()?))
     }
 
     /// Returns the camera and environment that the arguments request in place of the scene's, for an image

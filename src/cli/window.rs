@@ -15,9 +15,9 @@ pub struct WindowArgs {
 /// Opens the window and shows the scene until it is closed.
 #[cfg(feature = "viewer")]
 pub fn run(WindowArgs { view: args, grade }: &WindowArgs) -> Result<()> {
-    use lightsheaf::staging::OrbitCamera;
-    use lightsheaf::viewer::state::Launch;
-    use lightsheaf::viewer::window;
+    use crate::staging::OrbitCamera;
+    use crate::viewer::state::Launch;
+    use crate::viewer::window;
 
     /// Default size of the window in pixels.
     const SIZE: (u32, u32) = (1280, 720);

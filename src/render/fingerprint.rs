@@ -38,7 +38,7 @@ pub fn hash_of_text(text: &str) -> String {
 }
 
 /// Returns the SHA-256 of a scene, as hexadecimal digits: of all that a picture depends on, without paths of
-/// files, warnings and notes.
+/// files, names of light groups, warnings and notes.
 #[must_use]
 pub fn scene_hash(scene: &Scene) -> String {
     // All fields are named, so that new ones are not forgotten.
@@ -51,6 +51,7 @@ pub fn scene_hash(scene: &Scene) -> String {
         images,
         height_maps,
         lights,
+        light_groups: _,
         patterns,
         environment,
         cameras,

@@ -39,7 +39,7 @@ impl EnvironmentChange {
     /// environment are errors.
     pub fn apply(&self, scene: &mut Scene) -> Result<(), LoadError> {
         if let Some(source) = &self.source {
-            scene.lights.retain(|light| !matches!(light, Light::Sun { of_sky: true, .. }));
+            scene.retain_lights(&|_, light| !matches!(light, Light::Sun { of_sky: true, .. }));
             let (map, sun) = match (source.as_str(), source.strip_prefix("sky:")) {
                 ("none", _) => (None, None),
                 ("studio", _) => (Some(studio::map()), None),

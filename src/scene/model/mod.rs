@@ -8,6 +8,7 @@ pub mod geometry;
 pub mod height;
 mod ktx2;
 pub mod light;
+pub mod light_groups;
 pub mod material;
 pub(in crate::scene) mod memory;
 pub mod mesh;

@@ -7,6 +7,7 @@ use crate::scene::model::camera::Camera;
 use crate::scene::model::environment::Environment;
 use crate::scene::model::height::HeightMap;
 use crate::scene::model::light::Light;
+use crate::scene::model::light_groups::LightGroups;
 use crate::scene::model::material::{Bsdf, Material};
 use crate::scene::model::mesh::{Instance, Mesh};
 use crate::scene::model::pattern::Pattern;
@@ -35,6 +36,8 @@ pub struct Scene {
     pub height_maps: Vec<HeightMap>,
     /// Local and infinite lights without surfaces. Emissive surfaces are materials with emission.
     pub lights: Vec<Light>,
+    /// Groups of lights, for layers of their own.
+    pub light_groups: LightGroups,
     /// Directional patterns that lamps index.
     pub patterns: Vec<Pattern>,
     /// Environment light, if any.

@@ -115,6 +115,16 @@ impl Loader<'_> {
     }
 }
 
+/// Returns the light group in the `extras` of a node, a light or a material.
+pub(super) fn group(extras: &json::Extras) -> Option<String> {
+    #[derive(Deserialize)]
+    struct Group {
+        lightsheaf_light_group: Option<String>,
+    }
+    let text = extras.as_deref().map(|extras| extras.get()).filter(|text| text.trim_start().starts_with('{'));
+    text.and_then(|text| serde_json::from_str::<Group>(text).ok()?.lightsheaf_light_group)
+}
+
 /// Size of a light in its `extras`; other extras are ignored.
 #[derive(Default, Deserialize)]
 #[serde(default)]

@@ -244,6 +244,9 @@ impl Loader<'_> {
         for (i, material) in file.root.materials.iter().enumerate() {
             let material = materials.convert(file, &mut self.scene, i, material, has_colors[i])?;
             self.scene.materials.push(material);
+            if let Some(group) = lights::group(&file.root.materials[i].extras) {
+                self.scene.light_groups.materials.insert(self.scene.materials.len() - 1, group);
+            }
         }
         Ok(())
     }
@@ -298,11 +301,13 @@ impl Loader<'_> {
             self.scene.cameras.push(camera);
             self.rig.iter_mut().for_each(|rig| rig.cameras.push((index, source)));
         }
+        let (first_light, mut group) = (self.scene.lights.len(), lights::group(&node.extras));
         if let Some(light) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) {
             let source = light.light;
             let light = self.light(source, world, &place)?;
             self.scene.lights.push(light);
             let json = self.file.get(source, &place, "KHR_lights_punctual.lights")?;
+            group = group.or_else(|| lights::group(&json.extras)).or_else(|| node.name.clone().or(json.name.clone()));
             let (color, intensity) = (Vec3::from(json.color), json.intensity);
             let attached = AttachedLight { node: index, source: Some(source.value()), color, intensity };
             self.rig.iter_mut().for_each(|rig| rig.lights.push(attached));
@@ -312,6 +317,9 @@ impl Loader<'_> {
             self.scene.lights.push(light);
             let attached = AttachedLight { node: index, source: None, color: Vec3::ONE, intensity: 1.0 };
             self.rig.iter_mut().for_each(|rig| rig.lights.push(attached));
+        }
+        if self.scene.lights.len() > first_light {
+            self.scene.group_lights(first_light, group.as_deref().or(node.name.as_deref()));
         }
         Ok(())
     }

@@ -20,6 +20,7 @@ impl<'a> Loader<'a> {
     /// Adds an emitter that is not part of a shape.
     pub(super) fn emitter(&mut self, element: &'a Element) -> Result<(), LoadError> {
         let plugin = self.plugin(element)?;
+        let first = self.scene.lights.len();
         plugin.ignore(&["sampling_weight"]);
         let to_world = plugin.transform("to_world")?;
         let place = to_world.unwrap_or(DMat4::IDENTITY);
@@ -92,6 +93,7 @@ impl<'a> Loader<'a> {
                 return Ok(());
             }
         }
+        self.scene.group_lights(first, element.attribute("id"));
         self.finish(&plugin);
         Ok(())
     }

@@ -281,6 +281,10 @@ impl<'a> Loader<'a> {
                 basis
             }
         };
+        if let Some(emitter) = emitter {
+            let name = emitter.attribute("id").unwrap_or(&mesh.name).to_owned();
+            self.scene.light_groups.materials.entry(mesh.material).or_insert(name);
+        }
         if basis.is_some() && mesh.uvs[0].is_empty() {
             self.warn(format!("`{}` has no texture coordinates, so its normal or bump map is not drawn", mesh.name));
         }
