@@ -72,7 +72,10 @@ impl GpuScene {
         let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
         let (mut materials, layers): (Vec<_>, Vec<_>) =
-            scene.materials.iter().map(|m| records(m, scene, &mut atlas)).unzip();
+            Material::with_parts(&scene.materials)
+                .into_iter()
+                .map(|(material, parts)| records(material, parts, scene, &mut atlas))
+                .unzip();
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }

@@ -14,9 +14,20 @@ use crate::render::layouts::texture_purpose::{
 use crate::render::upload::textures::Atlas;
 use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
 
-/// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas.
-pub(super) fn records(m: &Material, scene: &Scene, atlas: &mut Atlas) -> (layouts::Material, layouts::Layers) {
+/// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas. `parts` are
+/// the places of the materials that it mixes.
+pub(super) fn records(
+    m: &Material,
+    parts: Option<[usize; 2]>,
+    scene: &Scene,
+    atlas: &mut Atlas,
+) -> (layouts::Material, layouts::Layers) {
     let (mut material, layers) = (material(m, scene, atlas), layers(m, scene, atlas));
+    if let (Some(mix), Some(parts)) = (&m.mix, parts) {
+        material.model = bsdf_model::MIX;
+        material.metallic = atlas.scalar(scene, &mix.weight, OF_METALLIC).0;
+        material.parts = parts.map(|part| part as u32);
+    }
     [material.first_use, material.end_use] = atlas.end_material();
     (material, layers)
 }

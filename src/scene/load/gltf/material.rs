@@ -104,6 +104,7 @@ impl Materials {
             anisotropy,
             sheen,
             coat,
+            mix: None,
             opacity: opacity(file, &place, material, alpha)?,
             // Transmitted light reaches both sides.
             sides: if two_sided || transmits { Sides::Two } else { Sides::OneCulled },

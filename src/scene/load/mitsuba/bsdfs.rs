@@ -8,7 +8,6 @@ use glam::Vec3;
 
 use super::Loader;
 use super::spectra::Use;
-use super::textures::is_texture;
 use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
@@ -46,15 +45,18 @@ impl<'a> Loader<'a> {
         self.surface_at(element, 0)
     }
 
-    fn surface_at(&mut self, element: &'a Element, depth: usize) -> Result<Surface, LoadError> {
+    pub(super) fn surface_at(&mut self, element: &'a Element, depth: usize) -> Result<Surface, LoadError> {
         if depth > MAX_NESTING {
             return Err(element.error("bsdfs are nested too deep; does one contain itself?"));
         }
         let plugin = self.plugin(element)?;
         let kind = element.plugin();
         let mut surface = match kind {
-            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf"
-            | "mixturebsdf" => self.wrapper(&plugin, kind, depth)?,
+            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" => {
+                self.wrapper(&plugin, kind, depth)?
+            }
+            "blendbsdf" => self.blend(&plugin, depth)?,
+            "mixturebsdf" => self.mixture(&plugin, depth)?,
             _ => {
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
                 let material = match kind {
@@ -86,41 +88,26 @@ impl<'a> Loader<'a> {
         let Some(&first) = nested.first() else {
             return Err(element.error(format!("`{kind}` needs a bsdf inside")));
         };
-        let mut chosen = first;
         match kind {
-            "blendbsdf" => {
-                let weight = match plugin.get("weight") {
-                    Some(weight) if !is_texture(weight) => plugin.float("weight")?.unwrap_or(0.5),
-                    _ => 0.5,
-                };
-                chosen = nested[usize::from(weight > 0.5).min(nested.len() - 1)];
-                self.warn(format!("{}: blends are not supported; the heavier part is drawn alone", element.title()));
-            }
-            "mixturebsdf" => {
-                let weights =
-                    plugin.string("weights")?.map(|text| super::values::numbers(element, text)).transpose()?;
-                let weights = weights.unwrap_or_default();
-                let heavier = |a: &usize, b: &usize| weights[*a].total_cmp(&weights[*b]);
-                let heaviest = (0..weights.len().min(nested.len())).max_by(heavier).unwrap_or(0);
-                chosen = nested[heaviest];
-                self.warn(format!("{}: mixtures are not supported; the heaviest part is drawn alone", element.title()));
-            }
             "twosided" if nested.len() > 1 => {
                 self.warn(format!("{}: both sides are drawn with the front's bsdf", element.title()));
             }
             _ if nested.len() > 1 => return Err(element.error(format!("`{kind}` has more than one bsdf inside"))),
             _ => {}
         }
-        let mut surface = self.surface_at(chosen, depth + 1)?;
+        let mut surface = self.surface_at(first, depth + 1)?;
         match kind {
-            "twosided" => surface.material.sides = Sides::Two,
+            "twosided" => {
+                surface.material.sides = Sides::Two;
+                surface.material.change_plain(&mut |part| part.sides = Sides::Two);
+            }
             "mask" => self.mask(plugin, &mut surface)?,
             "normalmap" => self.normal_map(plugin, &mut surface)?,
             "bumpmap" => self.bump_map(plugin, &mut surface)?,
-            "coating" => surface.material.coat = Some(self.coat(plugin, 0.0.into())?),
-            "roughcoating" => {
-                let alpha = self.alpha(plugin)?;
-                surface.material.coat = Some(self.coat(plugin, alpha)?);
+            "coating" | "roughcoating" => {
+                let alpha = if kind == "coating" { 0.0.into() } else { self.alpha(plugin)? };
+                let coat = Some(self.coat(plugin, alpha)?);
+                surface.material.change_plain(&mut |part| part.coat = coat);
             }
             _ => {}
         }
@@ -182,7 +169,8 @@ impl<'a> Loader<'a> {
             let sampler = Texture { srgb: false, ..self.scene.textures[texture.texture].clone() };
             self.scene.textures.push(sampler);
             let texture = TextureRef { texture: self.scene.textures.len() - 1, ..texture };
-            surface.material.normal_map = Some(NormalMap { texture, scale: 1.0 });
+            let map = Some(NormalMap { texture, scale: 1.0 });
+            surface.material.change_plain(&mut |part| part.normal_map = map);
             surface.basis = Some(NormalMapBasis::RightHanded);
             surface.bump = false;
         }
@@ -211,7 +199,8 @@ impl<'a> Loader<'a> {
         let texture = TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, transform: heights.transform };
         // The factor converts units of the surface's uv to units of the image's uv.
         let per_uv = heights.transform.matrix2.determinant().abs().sqrt();
-        surface.material.normal_map = Some(NormalMap { texture, scale: steepest * scale * per_uv });
+        let map = Some(NormalMap { texture, scale: steepest * scale * per_uv });
+        surface.material.change_plain(&mut |part| part.normal_map = map);
         surface.basis = Some(NormalMapBasis::ImageUp);
         surface.bump = true;
         self.warn("bump maps are drawn as normal maps, with one scale for each mesh");
