@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::layers::{Coat, Layered};
+use super::microfacet::Shape;
 use super::sampler::hash;
 use super::sheen::Sheen;
 use super::texture::Textures;
@@ -256,7 +257,12 @@ impl<'s> Surfaces<'s> {
         let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
         let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
         counts.then(base).map(|base| Layered {
-            stretch: base.alpha().map_or(1.0, |alpha| (Anisotropy::width(surface.anisotropy, alpha) / alpha).max(1.0)),
+            shape: Shape {
+                stretch: base
+                    .alpha()
+                    .map_or(1.0, |alpha| (Anisotropy::width(surface.anisotropy, alpha) / alpha).max(1.0)),
+                distribution: material.distribution,
+            },
             base,
             sheen: material.sheen.as_ref().map(|sheen| Sheen::new(sheen, &self.textures, surface)),
             coat: material.coat.as_ref().map(|coat| Coat::new(coat, &self.textures, surface)),

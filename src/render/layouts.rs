@@ -613,6 +613,7 @@ constants! {
         SHEET = 64,
         TRANSMITS = 128,
         BLENDED = 256,
+        BECKMANN_FACETS = 512,
     }
 
     /// Most light points of an iteration.

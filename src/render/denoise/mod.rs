@@ -21,6 +21,7 @@ use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::{Grid, Region};
 use crate::render::layouts;
 use crate::render::recording::Recording;
+use crate::render::scene_flags::chosen;
 use crate::render::state::FrameState;
 use crate::render::upload::gpu_scene::GpuScene;
 
@@ -103,7 +104,7 @@ impl Denoiser {
         let grid = plan.grid;
         let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
-        let glossy: &[Flag] = if plan.glossy { &[Flag::Glossy] } else { &[] };
+        let filter = chosen([(Flag::Glossy, plan.glossy), (Flag::Mixes, plan.mixes)]);
         let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
@@ -125,7 +126,7 @@ impl Denoiser {
             gradient: plan.has_gradients().then(|| pass("denoise/gradient", &[])),
             temporal: (plan.history > 0)
                 .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
-            filter: plan.filtered.then(|| (pass("denoise/filter", glossy), gpu.storage("filtered", layer * 32))),
+            filter: plan.filtered.then(|| (pass("denoise/filter", &filter), gpu.storage("filtered", layer * 32))),
             bias: plan.measures_bias.then(|| Bias {
                 filtered_twice: gpu.storage("filtered", layer * 32),
                 composed: gpu.storage("composed", image * 16),

@@ -4,7 +4,7 @@ use crate::render::layouts;
 use crate::render::layouts::bsdf_model;
 use crate::render::layouts::index::NONE;
 use crate::render::layouts::material_flags::{
-    BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
+    BECKMANN_FACETS, BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
 };
 use crate::render::layouts::texture_purpose::{
     OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_DIFFUSE_TRANSMISSION,
@@ -12,7 +12,7 @@ use crate::render::layouts::texture_purpose::{
     OF_ROUGHNESS, OF_SHEEN, OF_SHEEN_ROUGHNESS, OF_SPECULAR, OF_SPECULAR_FACTOR, OF_TRANSMISSION,
 };
 use crate::render::upload::textures::Atlas;
-use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
+use crate::scene::{Boundary, Bsdf, Distribution, Fresnel, Material, Opacity, Scene, Sides};
 
 /// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas. `parts` are
 /// the places of the materials that it mixes.
@@ -43,6 +43,9 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
         ..Default::default()
     };
     write_bsdf(&mut out, &m.bsdf, scene, atlas);
+    if m.distribution == Distribution::Beckmann {
+        out.flags |= BECKMANN_FACETS;
+    }
     if m.is_glossy() && out.model == bsdf_model::DIFFUSE {
         // A diffuse surface under layers is a dielectric without reflection.
         (out.model, out.roughness, out.specular_factor) = (bsdf_model::METALLIC_ROUGHNESS, 1.0, 0.0);

@@ -151,6 +151,16 @@ impl Bsdf {
     }
 }
 
+/// Distribution of the normals of facets, all of one width.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Distribution {
+    /// Trowbridge and Reitz 1975, as GGX by Walter et al. 2007.
+    #[default]
+    Ggx,
+    /// Beckmann and Spizzichino 1963, in the form of Walter et al. 2007.
+    Beckmann,
+}
+
 /// GGX width below which a lobe is treated as perfectly specular by methods that trace specular paths.
 pub const SMOOTH: f32 = 1e-3;
 
@@ -352,6 +362,8 @@ pub struct Material {
     pub name: String,
     /// Reflection model.
     pub bsdf: Bsdf,
+    /// Distribution of the facets of the BSDF's lobe.
+    pub distribution: Distribution,
     /// Emitted light, if any.
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
@@ -382,6 +394,7 @@ impl Material {
         Self {
             name: name.into(),
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
+            distribution: Distribution::Ggx,
             emission: None,
             normal_map: None,
             diffuse_transmission: None,

@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::scene::model::material::SMOOTH;
-use crate::scene::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
+use crate::scene::{Bsdf, Distribution, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
 
 /// Counts and extremes of a scene.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -55,6 +55,8 @@ pub struct SceneStats {
     pub sheens: bool,
     /// True if any surface has a coat.
     pub coats: bool,
+    /// True if any lobe has Beckmann facets.
+    pub beckmann: bool,
     /// True if any surface is a mix of materials.
     pub mixes: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
@@ -139,6 +141,7 @@ impl SceneStats {
             anisotropic: count(&|m| m.any(&|m| m.anisotropy.is_some())) > 0,
             sheens: count(&|m| m.any(&|m| m.sheen.is_some())) > 0,
             coats: count(&|m| m.any(&|m| m.coat.is_some())) > 0,
+            beckmann: count(&|m| m.any(&|m| m.distribution == Distribution::Beckmann)) > 0,
             mixes: count(&|m| m.mix.is_some()) > 0,
             narrow_metals: count(&|m| m.any(&is_narrow_metal)) > 0,
             masked_triangles: count(&|m| m.opacity.is_some()),

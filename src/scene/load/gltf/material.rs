@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Emission, Film, Filter, Image, LoadError, Material,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Image, LoadError, Material,
     NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
@@ -96,6 +96,7 @@ impl Materials {
         let mut out = Material {
             name,
             bsdf,
+            distribution: Distribution::Ggx,
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,

@@ -12,7 +12,7 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Fresnel, Image, LoadError, Material, NormalMap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Fresnel, Image, LoadError, Material, NormalMap,
     Opacity, Scalar, Sides, Texture, TextureRef,
 };
 
@@ -65,10 +65,11 @@ impl<'a> Loader<'a> {
                     _ => {
                         let plain = Material::diffuse("", Vec3::ONE);
                         let bsdf = self.plain(&plugin, kind)?;
+                        let distribution = self.distribution(&plugin)?;
                         let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
                         let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
                         let anisotropy = self.anisotropy(&plugin)?;
-                        Material { bsdf, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
+                        Material { bsdf, distribution, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
                     }
                 };
                 Surface { material: Material { name, ..material }, basis: None, bump: false }
@@ -117,6 +118,9 @@ impl<'a> Loader<'a> {
     /// Converts a coating, which reflects as a coat of its index does and neither bends nor absorbs light.
     fn coat(&mut self, plugin: &Plugin<'a>, alpha: Scalar) -> Result<Coat, LoadError> {
         plugin.ignore(&["thickness", "sigma_a", "specular_reflectance"]);
+        if plugin.string("distribution")? != Some("ggx") && alpha.factor > 0.0 {
+            self.warn("coatings have GGX facets of the same width");
+        }
         let eta = self.index(plugin, "int_ior", 1.5046)? / self.index(plugin, "ext_ior", 1.000_277)?;
         self.warn(format!(
             "{}: the coating is drawn as a clear layer that does not bend light",
@@ -224,7 +228,7 @@ impl<'a> Loader<'a> {
             "conductor" | "roughconductor" => self.conductor(plugin, kind == "roughconductor"),
             "plastic" | "roughplastic" => self.plastic(plugin, kind == "roughplastic"),
             "phong" => {
-                // The GGX lobe has the same width as the lobe cos^n: alpha^2 = 2 / (n + 2), as for Beckmann.
+                // Beckmann facets of alpha^2 = 2 / (n + 2) are nearly as cos^n (Walter et al. 2007, section 5.4).
                 let exponent = plugin.float("exponent")?.unwrap_or(30.0).max(0.0);
                 self.warn(format!("{}: `phong` is drawn as rough plastic of like width", plugin.element.title()));
                 Ok(Bsdf::Plastic {
@@ -323,10 +327,6 @@ impl<'a> Loader<'a> {
     /// Returns the width of a microfacet lobe; Mitsuba's default is 0.1.
     fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         plugin.ignore(&["sample_visible"]);
-        // Mitsuba's default distribution is Beckmann.
-        if plugin.string("distribution")? != Some("ggx") {
-            self.warn("microfacets other than GGX are drawn as GGX of the same width");
-        }
         let [u, v] = [self.scalar_parameter(plugin, "alpha_u")?, self.scalar_parameter(plugin, "alpha_v")?];
         let alpha = match (u, v) {
             // The stretch of the lobe beyond the smaller width is the material's anisotropy.
@@ -346,6 +346,20 @@ impl<'a> Loader<'a> {
             self.warn(format!("{}: alpha {} is taken as the nearest in [0, 1]", plugin.element.title(), alpha.factor));
         }
         Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
+    }
+
+    /// Returns the distribution of a BSDF's facets. Mitsuba's default is Beckmann; lobes of `phong` are nearly that.
+    fn distribution(&mut self, plugin: &Plugin<'a>) -> Result<Distribution, LoadError> {
+        match (plugin.element.plugin(), plugin.string("distribution")?) {
+            ("phong", _) | ("roughconductor" | "roughplastic" | "roughdielectric", None | Some("beckmann")) => {
+                Ok(Distribution::Beckmann)
+            }
+            ("roughconductor" | "roughplastic" | "roughdielectric", Some(other)) if other != "ggx" => {
+                self.warn(format!("facets of distribution `{other}` are drawn as Beckmann's of the same width"));
+                Ok(Distribution::Beckmann)
+            }
+            _ => Ok(Distribution::Ggx),
+        }
     }
 
     /// Returns the stretch of a lobe whose alpha_u and alpha_v are different numbers.
