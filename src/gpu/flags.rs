@@ -46,6 +46,10 @@ flags! {
     Sheen = "SHEEN",
     /// Surfaces have coats.
     Coat = "COAT",
+    /// Facets have Beckmann's distribution.
+    Beckmann = "BECKMANN",
+    /// Surfaces are mixes of materials.
+    Mixes = "MIXES",
     /// Light paths by way of smooth surfaces are connected to the camera.
     Caustics = "CAUSTICS",
 

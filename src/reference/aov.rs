@@ -116,11 +116,12 @@ impl Reference<'_> {
             let mut sampler = Sampler::new(0, pixel, sample);
             let at = corner + sampler.pair();
             let (origin, direction) = rays.ray(at, &mut sampler);
-            let Some(hit) = self.seen(origin, direction, sampler.bits_of_ray(1)) else {
+            let bits = sampler.bits_of_ray(1);
+            let Some(hit) = self.seen(origin, direction, bits) else {
                 out.background += self.sky.as_ref().map_or(Vec3::ZERO, |sky| sky.radiance(direction));
                 continue;
             };
-            let surface = self.surfaces.at(&hit, direction);
+            let surface = self.surfaces.at(&hit, direction, bits);
             let wo = surface.frame.local(-direction);
             out.hits += 1;
             out.albedo +=
@@ -132,7 +133,7 @@ impl Reference<'_> {
         let (origin, direction, forward) = rays.central(corner + 0.5);
         let hit = self.first_hit(origin, direction);
         if let Some(hit) = &hit {
-            out.position = self.surfaces.at(hit, direction).position;
+            out.position = self.surfaces.at(hit, direction, 0).position;
             out.depth = hit.t * direction.dot(forward);
         }
         if let Some(before) = before {

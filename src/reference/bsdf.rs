@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3};
 use super::environment::LUMINANCE;
 use super::film::Film;
 use super::microfacet::{
-    self as ggx, Width, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
+    self as ggx, Shape, Width, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
 };
 use super::sampler::concentric_disk;
 use super::surface::Surface;
@@ -245,12 +245,12 @@ impl Bsdf {
     /// Returns f |cos_i| and the density per solid angle for a pair of directions, without specular lobes.
     #[must_use]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
-        self.evaluate_stretched(wo, wi, 1.0)
+        self.evaluate_shaped(wo, wi, Shape::ROUND)
     }
 
-    /// Returns the same for a lobe that is `stretch` times as wide along x.
+    /// Returns the same for a lobe with facets of another shape.
     #[must_use]
-    pub fn evaluate_stretched(&self, wo: Vec3, wi: Vec3, stretch: f32) -> (Vec3, f32) {
+    pub fn evaluate_shaped(&self, wo: Vec3, wi: Vec3, shape: Shape) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z == 0.0 || (wi.z < 0.0 && !self.transmits()) {
             return (Vec3::ZERO, 0.0);
         }
@@ -262,7 +262,7 @@ impl Bsdf {
         let head_on = self.shares(wo.z);
         let (p, behind) = (head_on.of_facets(), head_on.of_behind());
         if wi.z < 0.0 {
-            let (value, pdf_w) = self.evaluate_passing(wo, wi, Width { alpha, stretch });
+            let (value, pdf_w) = self.evaluate_passing(wo, wi, Width { alpha, shape });
             // The facets above the base are those that reflect wi, mirrored.
             let h = (wo + wi.with_z(-wi.z)).normalize();
             let diffuse = self.shares(h.dot(wo).max(0.0)).behind * -cosine_pdf_w;
@@ -279,7 +279,7 @@ impl Bsdf {
         let mut value = diffuse * cosine_pdf_w;
         let mut pdf_w = (1.0 - p) * (1.0 - behind) * cosine_pdf_w;
         if alpha >= SMOOTH {
-            let width = Width { alpha, stretch };
+            let width = Width { alpha, shape };
             // D G F / (4 cos_o cos_i), times cos_i.
             value += shares.reflected * (ggx::d(h, width) / (4.0 * wo.z) * self.masking(wo, wi, width));
             pdf_w += p * shares.of_reflection() * ggx::reflection_pdf_w(wo, h, width);
@@ -320,17 +320,17 @@ impl Bsdf {
     /// for surfaces that transmit.
     #[must_use]
     pub fn sample(&self, wo: Vec3, u: Vec2, fork: f32) -> Option<Sample> {
-        self.sample_stretched(wo, u, fork, 1.0)
+        self.sample_shaped(wo, u, fork, Shape::ROUND)
     }
 
-    /// Samples a direction of a lobe that is `stretch` times as wide along x.
+    /// Samples a direction of a lobe with facets of another shape.
     #[must_use]
-    pub fn sample_stretched(&self, wo: Vec3, mut u: Vec2, fork: f32, stretch: f32) -> Option<Sample> {
+    pub fn sample_shaped(&self, wo: Vec3, mut u: Vec2, fork: f32, shape: Shape) -> Option<Sample> {
         if wo.z <= 0.0 {
             return None;
         }
         let rough = |wi: Vec3, eta: f32| {
-            let (value, pdf_w) = self.evaluate_stretched(wo, wi, stretch);
+            let (value, pdf_w) = self.evaluate_shaped(wo, wi, shape);
             (pdf_w > 0.0).then(|| Sample { wi, weight: value / pdf_w, pdf_w: Some(pdf_w), eta })
         };
         let Some(alpha) = self.alpha() else { return rough(cosine_hemisphere(u), 1.0) };
@@ -343,7 +343,7 @@ impl Bsdf {
             return rough(if fork < head_on.of_behind() { -wi } else { wi }, 1.0);
         }
         u.x = (u.x / p).min(1.0 - f32::EPSILON / 2.0);
-        let h = if alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, Width { alpha, stretch }, u) };
+        let h = if alpha < SMOOTH { Vec3::Z } else { ggx::sample_visible_normal(wo, Width { alpha, shape }, u) };
         let cos = wo.dot(h);
         let shares = self.shares(cos);
         let q = shares.of_reflection();

@@ -28,9 +28,10 @@ impl Reference<'_> {
         let rays = self.rays(settings);
         let look = |pixel: u32| {
             let at = Vec2::new((pixel % width) as f32, (pixel / width) as f32) + 0.5;
-            let (origin, direction) = rays.ray(at, &mut Sampler::new(seed, pixel, 0));
+            let mut sampler = Sampler::new(seed, pixel, 0);
+            let (origin, direction) = rays.ray(at, &mut sampler);
             let Some(hit) = self.first_hit(origin, direction) else { return [[0.0; 3]; 3] };
-            let surface = self.surfaces.at(&hit, direction);
+            let surface = self.surfaces.at(&hit, direction, sampler.bits_of_ray(1));
             let wo = surface.frame.local(-direction);
             let albedo = self.surfaces.bsdf(&surface).map_or(Vec3::ZERO, |bsdf| bsdf.albedo(wo));
             [[hit.t; 3], surface.frame.z.to_array(), albedo.to_array()]

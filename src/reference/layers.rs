@@ -11,7 +11,7 @@ use glam::{Vec2, Vec3};
 
 use super::bsdf::{Bsdf, Sample, cosine_hemisphere};
 use super::environment::LUMINANCE;
-use super::microfacet::{self as ggx, schlick_weight};
+use super::microfacet::{self as ggx, Shape, schlick_weight};
 use super::sheen::Sheen;
 use super::surface::{Frame, Surface};
 use super::texture::Textures;
@@ -80,8 +80,8 @@ impl Coat {
 pub struct Layered {
     /// What lies below.
     pub base: Bsdf,
-    /// Width of the base's lobe along x over that along y.
-    pub stretch: f32,
+    /// Facets of the base's lobe.
+    pub shape: Shape,
     /// The sheen, if there is one.
     pub sheen: Option<Sheen>,
     /// The coat on top of both, if there is one.
@@ -90,7 +90,7 @@ pub struct Layered {
 
 impl From<Bsdf> for Layered {
     fn from(base: Bsdf) -> Self {
-        Self { base, stretch: 1.0, sheen: None, coat: None }
+        Self { base, shape: Shape::ROUND, sheen: None, coat: None }
     }
 }
 
@@ -148,7 +148,7 @@ impl Layered {
     #[must_use]
     pub fn evaluate(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         let choice = self.choice(wo);
-        let (base, base_pdf_w) = self.base.evaluate_stretched(wo, wi, self.stretch);
+        let (base, base_pdf_w) = self.base.evaluate_shaped(wo, wi, self.shape);
         let mut value = base * self.scaling(wo, wi);
         let mut pdf_w = base_pdf_w * (1.0 - choice.coat - choice.sheen);
         if wo.z <= 0.0 || wi.z <= 0.0 {
@@ -189,7 +189,7 @@ impl Layered {
             return rough(cosine_hemisphere(rescaled(of_coat, of_sheen)), 1.0);
         }
         let of_base = 1.0 - of_coat - of_sheen;
-        let sample = self.base.sample_stretched(wo, rescaled(of_coat + of_sheen, of_base), fork, self.stretch)?;
+        let sample = self.base.sample_shaped(wo, rescaled(of_coat + of_sheen, of_base), fork, self.shape)?;
         match sample.pdf_w {
             Some(_) => rough(sample.wi, sample.eta),
             None => {

@@ -1,22 +1,39 @@
-//! The GGX microfacet distribution (Trowbridge and Reitz 1975; Walter et al. 2007) in a frame whose z is the
-//! shading normal, and Fresnel terms. A lobe may be wider along x than along y.
+//! The microfacet distributions GGX (Trowbridge and Reitz 1975; Walter et al. 2007) and Beckmann ([`super::beckmann`])
+//! in a frame whose z is the shading normal, and Fresnel terms. A lobe may be wider along x than along y.
 
 use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-/// GGX widths of a lobe.
+use super::beckmann;
+use crate::scene::Distribution;
+
+/// What facets of a lobe are like, beside their width.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// Width along x over that along y.
+    pub stretch: f32,
+    /// Distribution of the normals.
+    pub distribution: Distribution,
+}
+
+impl Shape {
+    /// GGX facets of a lobe that is round.
+    pub const ROUND: Self = Self { stretch: 1.0, distribution: Distribution::Ggx };
+}
+
+/// Widths of a lobe.
 #[derive(Clone, Copy, Debug)]
 pub struct Width {
     /// Width along y.
     pub alpha: f32,
-    /// Width along x over that along y.
-    pub stretch: f32,
+    /// Stretch and distribution.
+    pub shape: Shape,
 }
 
 impl From<f32> for Width {
     fn from(alpha: f32) -> Self {
-        Self { alpha, stretch: 1.0 }
+        Self { alpha, shape: Shape::ROUND }
     }
 }
 
@@ -24,19 +41,25 @@ impl From<f32> for Width {
 /// precision where z rounds to 1.
 #[must_use]
 pub fn d(h: Vec3, width: impl Into<Width>) -> f32 {
-    let Width { alpha, stretch } = width.into();
+    let Width { alpha, shape: Shape { stretch, distribution } } = width.into();
     let a2 = alpha * alpha;
     let x = h.x / stretch;
-    let s = (x * x + h.y * h.y) / a2 + h.z * h.z;
-    1.0 / (PI * a2 * stretch * s * s)
+    let slope2 = (x * x + h.y * h.y) / a2;
+    match distribution {
+        Distribution::Ggx => 1.0 / (PI * a2 * stretch * (slope2 + h.z * h.z).powi(2)),
+        Distribution::Beckmann => (-slope2 / (h.z * h.z)).exp() / (PI * a2 * stretch * h.z.powi(4)),
+    }
 }
 
 /// Smith's Lambda of a direction on either side.
 fn lambda(w: Vec3, width: impl Into<Width>) -> f32 {
-    let Width { alpha, stretch } = width.into();
+    let Width { alpha, shape: Shape { stretch, distribution } } = width.into();
     let x = w.x * stretch;
     let tan2 = (x * x + w.y * w.y) / (w.z * w.z);
-    0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
+    match distribution {
+        Distribution::Ggx => 0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0),
+        Distribution::Beckmann => beckmann::lambda(alpha * tan2.sqrt()),
+    }
 }
 
 /// Smith's masking function G1 of one direction.
@@ -59,12 +82,16 @@ pub fn reflection_pdf_w(wo: Vec3, h: Vec3, width: impl Into<Width>) -> f32 {
     g1(wo, width) * d(h, width) / (4.0 * wo.z)
 }
 
-/// Samples a visible normal by spherical caps (Dupuy and Benyoub 2023).
+/// Samples a visible normal, of GGX by spherical caps (Dupuy and Benyoub 2023).
 #[must_use]
 pub fn sample_visible_normal(wo: Vec3, width: impl Into<Width>, u: Vec2) -> Vec3 {
-    let Width { alpha, stretch } = width.into();
+    let Width { alpha, shape: Shape { stretch, distribution } } = width.into();
     let along = alpha * stretch;
     let stretched = Vec3::new(wo.x * along, wo.y * alpha, wo.z).normalize();
+    if distribution == Distribution::Beckmann {
+        let slopes = beckmann::sample_visible_slopes(stretched, u);
+        return Vec3::new(-slopes.x * along, -slopes.y * alpha, 1.0).normalize();
+    }
     let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
     let r = (1.0 - z * z).max(0.0).sqrt();
     let (sin, cos) = (TAU * u.x).sin_cos();
@@ -140,7 +167,9 @@ mod tests {
 
     #[test]
     fn distribution_of_normals_projects_to_one() {
-        for alpha in [0.05, 0.3, 1.0] {
+        let shapes =
+            [Distribution::Ggx, Distribution::Beckmann].map(|distribution| Shape { stretch: 1.0, distribution });
+        for (alpha, shape) in [0.05, 0.3, 1.0].into_iter().flat_map(|alpha| shapes.map(|shape| (alpha, shape))) {
             // Integrates int D cos dw by the midpoint rule in x, with tan(theta) / alpha = x / (1 - x).
             let n = 20_000;
             let mut sum = 0.0_f64;
@@ -151,9 +180,10 @@ mod tests {
                 let dtan = alpha / ((1.0 - x) * (1.0 - x)) / n as f32;
                 // dw = 2 pi sin dtheta and dtheta = cos^2 dtan.
                 let sin = tan * cos;
-                sum += f64::from(d(Vec3::new(sin, 0.0, cos), alpha) * cos * TAU * sin * cos * cos * dtan);
+                sum +=
+                    f64::from(d(Vec3::new(sin, 0.0, cos), Width { alpha, shape }) * cos * TAU * sin * cos * cos * dtan);
             }
-            assert!((sum - 1.0).abs() < 1e-3, "{alpha}: {sum}");
+            assert!((sum - 1.0).abs() < 1e-3, "{alpha} {shape:?}: {sum}");
         }
     }
 

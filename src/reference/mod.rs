@@ -9,6 +9,7 @@
 //! and [`Reference::occluded`] trace single rays for tests of other visibility methods.
 
 pub mod aov;
+mod beckmann;
 pub mod bsdf;
 pub mod bvh;
 mod camera;

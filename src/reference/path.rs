@@ -80,7 +80,7 @@ impl Reference<'_> {
                 }
                 break;
             };
-            let surface = self.surfaces.at(&hit, direction);
+            let surface = self.surfaces.at(&hit, direction, bits);
             let [here, beyond] = surface.media(medium);
             throughput *= transmittance(here, hit.t);
 

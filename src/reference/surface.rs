@@ -5,6 +5,8 @@ use glam::{Vec2, Vec3};
 use super::bsdf::{self, Bsdf};
 use super::bvh::Hit;
 use super::layers::{Coat, Layered};
+use super::microfacet::Shape;
+use super::sampler::hash;
 use super::sheen::Sheen;
 use super::texture::Textures;
 use crate::scene::model::geometry::Vertex;
@@ -74,8 +76,10 @@ pub struct Surface<'s> {
     pub uvs: [Vec2; 2],
     /// Interpolated vertex colour without alpha.
     pub vertex_color: Vec3,
-    /// Index of the material, and the material.
+    /// Index of the material, of mixes that of the part that the point is of, and the material.
     pub material: (usize, &'s Material),
+    /// The material as a whole.
+    whole: &'s Material,
 }
 
 impl Surface<'_> {
@@ -83,9 +87,8 @@ impl Surface<'_> {
     /// the path's current medium.
     #[must_use]
     pub fn media(&self, viewer: Vec3) -> [Vec3; 2] {
-        let (_, material) = self.material;
-        match material.boundary {
-            Boundary::Volume { absorption } if material.transmits() => {
+        match self.whole.boundary {
+            Boundary::Volume { absorption } if self.whole.transmits() => {
                 if self.front {
                     [viewer, absorption]
                 } else {
@@ -108,6 +111,8 @@ pub struct Surfaces<'s> {
     /// Textures of the materials.
     pub textures: Textures<'s>,
     materials: &'s [Material],
+    /// The materials and the parts of those that are mixes, each with the places of its own parts.
+    parts: Vec<(&'s Material, Option<[usize; 2]>)>,
     prepared: Vec<f32>,
 }
 
@@ -120,10 +125,12 @@ impl<'s> Surfaces<'s> {
             let [a, b, c] = geometry.positions(i);
             (b - a).cross(c - a).normalize_or_zero()
         };
+        let parts = Material::with_parts(&scene.materials);
         Self {
             origins: origins.iter().map(|origin| [origin.instance, origin.vertex]).collect(),
             normals: (0..geometry.triangles.len()).map(normal).collect(),
-            prepared: scene.materials.iter().map(|m| bsdf::prepare(&m.bsdf)).collect(),
+            prepared: parts.iter().map(|(m, _)| bsdf::prepare(&m.bsdf)).collect(),
+            parts,
             textures: Textures::new(scene),
             materials: &scene.materials,
             geometry,
@@ -177,17 +184,29 @@ impl<'s> Surfaces<'s> {
         self.geometry.triangles[triangle as usize].map(|i| &self.geometry.vertices[i as usize])
     }
 
-    /// Returns the surface at a hit of a ray along `direction`.
+    /// Returns the place of the part that a hit is of: each with the probability of its share, by random bits of the
+    /// ray.
+    fn part(&self, hit: &Hit, bits: u32) -> usize {
+        let mut part = self.geometry.materials[hit.triangle as usize] as usize;
+        while let (Material { mix: Some(mix), .. }, Some(parts)) = self.parts[part] {
+            let weight = self.textures.scalar(&mix.weight, self.uvs(hit));
+            let chance = hash(hash(bits ^ 0x68bc_21eb) ^ hash(part as u32)) as f32 / u32::MAX as f32;
+            part = parts[usize::from(chance < weight)];
+        }
+        part
+    }
+
+    /// Returns the surface at a hit of a ray along `direction`. Random bits of the ray choose the parts of mixes.
     #[must_use]
-    pub fn at(&self, hit: &Hit, direction: Vec3) -> Surface<'s> {
+    pub fn at(&self, hit: &Hit, direction: Vec3, bits: u32) -> Surface<'s> {
         let corners = self.corners(hit.triangle);
         let flat = self.normals[hit.triangle as usize];
         let front = flat.dot(direction) < 0.0;
         let side = if front { 1.0 } else { -1.0 };
         let uvs = self.uvs(hit);
         let smooth = hit.mix(corners.map(|c| c.normal)).try_normalize().unwrap_or(flat);
-        let index = self.geometry.materials[hit.triangle as usize] as usize;
-        let material = &self.materials[index];
+        let index = self.part(hit, bits);
+        let (material, _) = self.parts[index];
         // The tangent along u, or the mesh's own, with the sign of the bitangent.
         let tangent = |texture: Option<TextureRef>| {
             let own = hit.mix(corners.map(|c| c.tangent.truncate()));
@@ -225,6 +244,7 @@ impl<'s> Surfaces<'s> {
             uvs,
             vertex_color: hit.mix(corners.map(|c| c.color.truncate())),
             material: (index, material),
+            whole: self.material(hit.triangle),
         }
     }
 
@@ -237,7 +257,12 @@ impl<'s> Surfaces<'s> {
         let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
         let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
         counts.then(base).map(|base| Layered {
-            stretch: base.alpha().map_or(1.0, |alpha| (Anisotropy::width(surface.anisotropy, alpha) / alpha).max(1.0)),
+            shape: Shape {
+                stretch: base
+                    .alpha()
+                    .map_or(1.0, |alpha| (Anisotropy::width(surface.anisotropy, alpha) / alpha).max(1.0)),
+                distribution: material.distribution,
+            },
             base,
             sheen: material.sheen.as_ref().map(|sheen| Sheen::new(sheen, &self.textures, surface)),
             coat: material.coat.as_ref().map(|coat| Coat::new(coat, &self.textures, surface)),

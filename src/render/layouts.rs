@@ -190,8 +190,7 @@ layouts! {
         end_use: u32,
         emission_texture: u32,
         mask_texture: u32,
-        pad0: u32,
-        pad1: u32,
+        parts: [u32; 2],
         absorption: [f32; 3],
         transmission: f32,
     }
@@ -614,6 +613,7 @@ constants! {
         SHEET = 64,
         TRANSMITS = 128,
         BLENDED = 256,
+        BECKMANN_FACETS = 512,
     }
 
     /// Most light points of an iteration.
@@ -649,6 +649,7 @@ constants! {
         CONDUCTOR = 2,
         PLASTIC = 3,
         DIELECTRIC = 4,
+        MIX = 5,
     }
 
     /// Cells along a side of the table of a sheen's albedo.

@@ -15,6 +15,8 @@ pub(super) fn surface_flags(stats: &SceneStats) -> Vec<Flag> {
         (Flag::Anisotropy, stats.anisotropic),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),
+        (Flag::Beckmann, stats.beckmann),
+        (Flag::Mixes, stats.mixes),
     ])
 }
 

@@ -55,7 +55,8 @@ fn layered() -> Vec<(String, Layered)> {
             format!("{name} under a sheen of 0.6 and a coat"),
             Layered { sheen: sheen(0.6), coat, ..base.into() },
         ));
-        all.push((format!("{name}, stretched"), Layered { stretch: 2.5, ..base.into() }));
+        let stretched = Shape { stretch: 2.5, ..Shape::ROUND };
+        all.push((format!("{name}, stretched"), Layered { shape: stretched, ..base.into() }));
     }
     all
 }

@@ -22,6 +22,7 @@ use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::{Grid, Region};
 use crate::render::layouts;
 use crate::render::recording::Recording;
+use crate::render::scene_flags::chosen;
 use crate::render::state::FrameState;
 use crate::render::upload::gpu_scene::GpuScene;
 
@@ -108,8 +109,8 @@ impl Denoiser {
         let grid = plan.grid;
         let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
-        let glossy: &[Flag] = if plan.glossy { &[Flag::Glossy] } else { &[] };
-        let ends: &[Flag] = if plan.keeps_residual() { &[Flag::Residual] } else { &[Flag::Fades] };
+        let filter = chosen([(Flag::Glossy, plan.glossy), (Flag::Mixes, plan.mixes)]);
+        let ends = [if plan.keeps_residual() { Flag::Residual } else { Flag::Fades }];
         let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
@@ -134,10 +135,10 @@ impl Denoiser {
                 .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
             filter: plan
                 .filtered
-                .then(|| (pass("denoise/filter", &[glossy, ends].concat()), gpu.storage("filtered", layer * 32))),
+                .then(|| (pass("denoise/filter", &[&filter[..], &ends].concat()), gpu.storage("filtered", layer * 32))),
             residual: plan.keeps_residual().then(|| gpu.storage("residual", image * 16)),
             bias: plan.measures_bias.then(|| Bias {
-                again: pass("denoise/filter", glossy),
+                again: pass("denoise/filter", &filter),
                 filtered_twice: gpu.storage("filtered", layer * 32),
                 composed: gpu.storage("composed", image * 16),
                 pictures: Pair::new(gpu, "picture", image * 16),

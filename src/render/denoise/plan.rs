@@ -19,6 +19,8 @@ pub struct DenoisePlan {
     pub clamps_fireflies: bool,
     /// True if surfaces have lobes beside the diffuse one.
     pub glossy: bool,
+    /// True if surfaces are mixes of materials.
+    pub mixes: bool,
 }
 
 impl DenoisePlan {

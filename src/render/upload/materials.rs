@@ -4,7 +4,7 @@ use crate::render::layouts;
 use crate::render::layouts::bsdf_model;
 use crate::render::layouts::index::NONE;
 use crate::render::layouts::material_flags::{
-    BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
+    BECKMANN_FACETS, BLENDED, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS, TWO_SIDED,
 };
 use crate::render::layouts::texture_purpose::{
     OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_DIFFUSE_TRANSMISSION,
@@ -12,11 +12,22 @@ use crate::render::layouts::texture_purpose::{
     OF_ROUGHNESS, OF_SHEEN, OF_SHEEN_ROUGHNESS, OF_SPECULAR, OF_SPECULAR_FACTOR, OF_TRANSMISSION,
 };
 use crate::render::upload::textures::Atlas;
-use crate::scene::{Boundary, Bsdf, Fresnel, Material, Opacity, Scene, Sides};
+use crate::scene::{Boundary, Bsdf, Distribution, Fresnel, Material, Opacity, Scene, Sides};
 
-/// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas.
-pub(super) fn records(m: &Material, scene: &Scene, atlas: &mut Atlas) -> (layouts::Material, layouts::Layers) {
+/// Returns the records of a material and of the layers on top of it, and adds its textures to the atlas. `parts` are
+/// the places of the materials that it mixes.
+pub(super) fn records(
+    m: &Material,
+    parts: Option<[usize; 2]>,
+    scene: &Scene,
+    atlas: &mut Atlas,
+) -> (layouts::Material, layouts::Layers) {
     let (mut material, layers) = (material(m, scene, atlas), layers(m, scene, atlas));
+    if let (Some(mix), Some(parts)) = (&m.mix, parts) {
+        material.model = bsdf_model::MIX;
+        material.metallic = atlas.scalar(scene, &mix.weight, OF_METALLIC).0;
+        material.parts = parts.map(|part| part as u32);
+    }
     [material.first_use, material.end_use] = atlas.end_material();
     (material, layers)
 }
@@ -32,6 +43,9 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
         ..Default::default()
     };
     write_bsdf(&mut out, &m.bsdf, scene, atlas);
+    if m.distribution == Distribution::Beckmann {
+        out.flags |= BECKMANN_FACETS;
+    }
     if m.is_glossy() && out.model == bsdf_model::DIFFUSE {
         // A diffuse surface under layers is a dielectric without reflection.
         (out.model, out.roughness, out.specular_factor) = (bsdf_model::METALLIC_ROUGHNESS, 1.0, 0.0);

@@ -151,6 +151,16 @@ impl Bsdf {
     }
 }
 
+/// Distribution of the normals of facets, all of one width.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Distribution {
+    /// Trowbridge and Reitz 1975, as GGX by Walter et al. 2007.
+    #[default]
+    Ggx,
+    /// Beckmann and Spizzichino 1963, in the form of Walter et al. 2007.
+    Beckmann,
+}
+
 /// GGX width below which a lobe is treated as perfectly specular by methods that trace specular paths.
 pub const SMOOTH: f32 = 1e-3;
 
@@ -282,6 +292,16 @@ impl Sheen {
     pub const MIN_ROUGHNESS: f32 = 0.1;
 }
 
+/// Two materials that a surface mixes: its BSDF is (1 - w) f_0 + w f_1 (Mitsuba's `blendbsdf`, PBRT's `mix`).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mix {
+    /// Share w of the second part; below 0 counts as 0, above 1 as 1.
+    pub weight: Scalar,
+    /// The parts, with BSDFs, normal maps, layers and sides of their own. Emission, opacity and the medium behind the
+    /// surface are those of the whole.
+    pub parts: Box<[Material; 2]>,
+}
+
 /// Partial presence of a surface. Its alpha is factor times the texture's channel (0 red to 3 alpha) times
 /// vertex alpha.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -342,6 +362,8 @@ pub struct Material {
     pub name: String,
     /// Reflection model.
     pub bsdf: Bsdf,
+    /// Distribution of the facets of the BSDF's lobe.
+    pub distribution: Distribution,
     /// Emitted light, if any.
     pub emission: Option<Emission>,
     /// Perturbation of the shading normal, if any.
@@ -356,6 +378,8 @@ pub struct Material {
     pub sheen: Option<Sheen>,
     /// Varnish on top of both, if any.
     pub coat: Option<Coat>,
+    /// Materials that are mixed, in place of the BSDF, the normal map and the layers; none for a plain material.
+    pub mix: Option<Mix>,
     /// Partial presence; none for a surface without holes.
     pub opacity: Option<Opacity>,
     /// Behaviour of the back side.
@@ -370,6 +394,7 @@ impl Material {
         Self {
             name: name.into(),
             bsdf: Bsdf::Diffuse { reflectance: reflectance.into() },
+            distribution: Distribution::Ggx,
             emission: None,
             normal_map: None,
             diffuse_transmission: None,
@@ -377,23 +402,77 @@ impl Material {
             anisotropy: None,
             sheen: None,
             coat: None,
+            mix: None,
             opacity: None,
             sides: Sides::Two,
             boundary: Boundary::Volume { absorption: Vec3::ZERO },
         }
     }
 
+    /// Returns true if a test holds for the material, or for any of those that it mixes.
+    pub fn any(&self, test: &dyn Fn(&Self) -> bool) -> bool {
+        match &self.mix {
+            None => test(self),
+            Some(mix) => mix.parts.iter().any(|part| part.any(test)),
+        }
+    }
+
+    /// Returns the material, or those that it mixes.
+    #[must_use]
+    pub fn plain(&self) -> Vec<&Self> {
+        match &self.mix {
+            None => vec![self],
+            Some(mix) => mix.parts.iter().flat_map(Self::plain).collect(),
+        }
+    }
+
+    /// Changes the material, or those that it mixes.
+    pub fn change_plain(&mut self, change: &mut dyn FnMut(&mut Self)) {
+        match &mut self.mix {
+            None => change(self),
+            Some(mix) => mix.parts.iter_mut().for_each(|part| part.change_plain(change)),
+        }
+    }
+
+    /// Replaces a mix of glass and something else by the latter.
+    pub(super) fn unmix_glass(&mut self) {
+        let Some(mix) = &mut self.mix else { return };
+        mix.parts.iter_mut().for_each(Self::unmix_glass);
+        let other = mix.parts.iter().find(|part| !matches!(part.bsdf, Bsdf::Dielectric { .. }));
+        if mix.parts.iter().any(|part| matches!(part.bsdf, Bsdf::Dielectric { .. })) {
+            let part = other.unwrap_or(&mix.parts[0]).clone();
+            let (emission, opacity) = (self.emission, self.opacity);
+            *self = Self { name: std::mem::take(&mut self.name), emission, opacity, ..part };
+        }
+    }
+
+    /// Returns materials and, after them, the parts of those that are mixes, each with the places of its own parts in
+    /// the list.
+    #[must_use]
+    pub fn with_parts(materials: &[Self]) -> Vec<(&Self, Option<[usize; 2]>)> {
+        let mut all: Vec<(&Self, Option<[usize; 2]>)> = materials.iter().map(|material| (material, None)).collect();
+        let mut next = 0;
+        while let Some(&(material, _)) = all.get(next) {
+            if let Some(mix) = &material.mix {
+                all[next].1 = Some([all.len(), all.len() + 1]);
+                all.extend(mix.parts.iter().map(|part| (part, None)));
+            }
+            next += 1;
+        }
+        all
+    }
+
     /// Returns true if light passes the surface anywhere, by its facets or its diffuse base. Such a surface is
     /// two-sided, independent of [`Sides`].
     #[must_use]
     pub fn transmits(&self) -> bool {
-        self.bsdf.transmits() || self.diffuse_transmission.is_some()
+        self.any(&|m| m.bsdf.transmits() || m.diffuse_transmission.is_some())
     }
 
     /// Returns true if the surface does more than reflect diffusely.
     #[must_use]
     pub fn is_glossy(&self) -> bool {
-        !matches!(self.bsdf, Bsdf::Diffuse { .. }) || self.sheen.is_some() || self.coat.is_some()
+        self.any(&|m| !matches!(m.bsdf, Bsdf::Diffuse { .. }) || m.sheen.is_some() || m.coat.is_some())
     }
 
     /// Returns the texture whose coordinates define the mesh's tangents, if the material needs tangents.
@@ -408,8 +487,10 @@ impl Material {
     /// Returns GGX width and reflectance at normal incidence of each specular lobe, without those that have a
     /// roughness texture.
     pub fn lobes(&self) -> impl Iterator<Item = (f32, f32)> {
-        let coat = self.coat.as_ref().filter(|coat| coat.roughness.texture.is_none());
-        let coat = coat.map(|coat| (coat.roughness.factor.powi(2), Coat::F0 * coat.weight.factor));
-        self.bsdf.lobe().into_iter().chain(coat)
+        let of_coat = |coat: &Coat| (coat.roughness.factor.powi(2), Coat::F0 * coat.weight.factor);
+        self.plain().into_iter().flat_map(move |material| {
+            let coat = material.coat.as_ref().filter(|coat| coat.roughness.texture.is_none());
+            material.bsdf.lobe().into_iter().chain(coat.map(of_coat))
+        })
     }
 }

@@ -96,6 +96,7 @@ impl Scene {
     /// surfaces. Light passes removed surfaces unbent. One warning for each of the two names the materials.
     #[must_use]
     pub fn without_glass(mut self) -> Self {
+        self.materials.iter_mut().for_each(Material::unmix_glass);
         let glass = |material: &Material| matches!(material.bsdf, Bsdf::Dielectric { .. });
         let shown = |test: &dyn Fn(&Material) -> bool| {
             let mut used: Vec<usize> = self.instances.iter().map(|i| self.meshes[i.mesh].material).collect();
@@ -115,10 +116,12 @@ impl Scene {
         let (meshes, materials) = (&self.meshes, &self.materials);
         self.instances.retain(|i| !glass(&materials[meshes[i.mesh].material]));
         for material in &mut self.materials {
-            if let Bsdf::MetallicRoughness { transmission, .. } = &mut material.bsdf {
-                *transmission = 0.0.into();
-            }
-            material.diffuse_transmission = None;
+            material.change_plain(&mut |part| {
+                if let Bsdf::MetallicRoughness { transmission, .. } = &mut part.bsdf {
+                    *transmission = 0.0.into();
+                }
+                part.diffuse_transmission = None;
+            });
         }
         self
     }

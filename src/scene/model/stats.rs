@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::scene::model::material::SMOOTH;
-use crate::scene::{Bsdf, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
+use crate::scene::{Bsdf, Distribution, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
 
 /// Counts and extremes of a scene.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -55,6 +55,10 @@ pub struct SceneStats {
     pub sheens: bool,
     /// True if any surface has a coat.
     pub coats: bool,
+    /// True if any lobe has Beckmann facets.
+    pub beckmann: bool,
+    /// True if any surface is a mix of materials.
+    pub mixes: bool,
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
     /// (shaders/denoise/filter.wesl).
     pub narrow_metals: bool,
@@ -92,7 +96,7 @@ impl SceneStats {
             scene.materials.iter().zip(&of_material).filter(|(m, _)| test(m)).map(|(_, count)| count).sum()
         };
         let used = scene.materials.iter().zip(&of_material).filter(|(_, count)| **count > 0);
-        let smooth_share = used.map(|(m, _)| smooth_share(m, scene)).fold(0.0, f32::max);
+        let smooth_share = used.flat_map(|(m, _)| m.plain()).map(|m| smooth_share(m, scene)).fold(0.0, f32::max);
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let size = |i: usize| {
             let [a, b, c] = geometry.positions(i);
@@ -132,12 +136,14 @@ impl SceneStats {
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.transmits()) > 0,
-            diffuse_transmission: count(&|m| m.diffuse_transmission.is_some()) > 0,
-            films: count(&|m| m.film.is_some()) > 0,
-            anisotropic: count(&|m| m.anisotropy.is_some()) > 0,
-            sheens: count(&|m| m.sheen.is_some()) > 0,
-            coats: count(&|m| m.coat.is_some()) > 0,
-            narrow_metals: count(&is_narrow_metal) > 0,
+            diffuse_transmission: count(&|m| m.any(&|m| m.diffuse_transmission.is_some())) > 0,
+            films: count(&|m| m.any(&|m| m.film.is_some())) > 0,
+            anisotropic: count(&|m| m.any(&|m| m.anisotropy.is_some())) > 0,
+            sheens: count(&|m| m.any(&|m| m.sheen.is_some())) > 0,
+            coats: count(&|m| m.any(&|m| m.coat.is_some())) > 0,
+            beckmann: count(&|m| m.any(&|m| m.distribution == Distribution::Beckmann)) > 0,
+            mixes: count(&|m| m.mix.is_some()) > 0,
+            narrow_metals: count(&|m| m.any(&is_narrow_metal)) > 0,
             masked_triangles: count(&|m| m.opacity.is_some()),
             blended_triangles: count(&|m| m.opacity.is_some_and(|opacity| opacity.is_blended())),
             texels: if scene.textures.is_empty() {

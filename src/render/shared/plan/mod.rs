@@ -407,6 +407,7 @@ impl FramePlan {
             measures_bias: self.measures_bias,
             clamps_fireflies: self.clamps_fireflies,
             glossy: self.glossy(),
+            mixes: self.surface_flags.contains(&Flag::Mixes),
         }
     }
 }

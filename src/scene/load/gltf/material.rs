@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Emission, Film, Filter, Image, LoadError, Material,
-    NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Image,
+    LoadError, Material, NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.
@@ -96,6 +96,7 @@ impl Materials {
         let mut out = Material {
             name,
             bsdf,
+            distribution: Distribution::Ggx,
             emission: (radiance != Vec3::ZERO)
                 .then_some(Emission { radiance: Color { factor: radiance, texture: emissive }, two_sided }),
             normal_map,
@@ -104,6 +105,7 @@ impl Materials {
             anisotropy,
             sheen,
             coat,
+            mix: None,
             opacity: opacity(file, &place, material, alpha)?,
             // Transmitted light reaches both sides.
             sides: if two_sided || transmits { Sides::Two } else { Sides::OneCulled },

@@ -8,13 +8,12 @@ use glam::Vec3;
 
 use super::Loader;
 use super::spectra::Use;
-use super::textures::is_texture;
 use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Fresnel, Image, LoadError, Material, NormalMap,
-    Opacity, Scalar, Sides, Texture, TextureRef,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Fresnel, Image, LoadError, Material,
+    NormalMap, Opacity, Scalar, Sides, Texture, TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
@@ -46,15 +45,18 @@ impl<'a> Loader<'a> {
         self.surface_at(element, 0)
     }
 
-    fn surface_at(&mut self, element: &'a Element, depth: usize) -> Result<Surface, LoadError> {
+    pub(super) fn surface_at(&mut self, element: &'a Element, depth: usize) -> Result<Surface, LoadError> {
         if depth > MAX_NESTING {
             return Err(element.error("bsdfs are nested too deep; does one contain itself?"));
         }
         let plugin = self.plugin(element)?;
         let kind = element.plugin();
         let mut surface = match kind {
-            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" | "blendbsdf"
-            | "mixturebsdf" => self.wrapper(&plugin, kind, depth)?,
+            "twosided" | "mask" | "bumpmap" | "normalmap" | "coating" | "roughcoating" => {
+                self.wrapper(&plugin, kind, depth)?
+            }
+            "blendbsdf" => self.blend(&plugin, depth)?,
+            "mixturebsdf" => self.mixture(&plugin, depth)?,
             _ => {
                 let name = element.attribute("id").unwrap_or(kind).to_owned();
                 let material = match kind {
@@ -63,10 +65,11 @@ impl<'a> Loader<'a> {
                     _ => {
                         let plain = Material::diffuse("", Vec3::ONE);
                         let bsdf = self.plain(&plugin, kind)?;
+                        let distribution = self.distribution(&plugin)?;
                         let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
                         let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
                         let anisotropy = self.anisotropy(&plugin)?;
-                        Material { bsdf, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
+                        Material { bsdf, distribution, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
                     }
                 };
                 Surface { material: Material { name, ..material }, basis: None, bump: false }
@@ -86,41 +89,26 @@ impl<'a> Loader<'a> {
         let Some(&first) = nested.first() else {
             return Err(element.error(format!("`{kind}` needs a bsdf inside")));
         };
-        let mut chosen = first;
         match kind {
-            "blendbsdf" => {
-                let weight = match plugin.get("weight") {
-                    Some(weight) if !is_texture(weight) => plugin.float("weight")?.unwrap_or(0.5),
-                    _ => 0.5,
-                };
-                chosen = nested[usize::from(weight > 0.5).min(nested.len() - 1)];
-                self.warn(format!("{}: blends are not supported; the heavier part is drawn alone", element.title()));
-            }
-            "mixturebsdf" => {
-                let weights =
-                    plugin.string("weights")?.map(|text| super::values::numbers(element, text)).transpose()?;
-                let weights = weights.unwrap_or_default();
-                let heavier = |a: &usize, b: &usize| weights[*a].total_cmp(&weights[*b]);
-                let heaviest = (0..weights.len().min(nested.len())).max_by(heavier).unwrap_or(0);
-                chosen = nested[heaviest];
-                self.warn(format!("{}: mixtures are not supported; the heaviest part is drawn alone", element.title()));
-            }
             "twosided" if nested.len() > 1 => {
                 self.warn(format!("{}: both sides are drawn with the front's bsdf", element.title()));
             }
             _ if nested.len() > 1 => return Err(element.error(format!("`{kind}` has more than one bsdf inside"))),
             _ => {}
         }
-        let mut surface = self.surface_at(chosen, depth + 1)?;
+        let mut surface = self.surface_at(first, depth + 1)?;
         match kind {
-            "twosided" => surface.material.sides = Sides::Two,
+            "twosided" => {
+                surface.material.sides = Sides::Two;
+                surface.material.change_plain(&mut |part| part.sides = Sides::Two);
+            }
             "mask" => self.mask(plugin, &mut surface)?,
             "normalmap" => self.normal_map(plugin, &mut surface)?,
             "bumpmap" => self.bump_map(plugin, &mut surface)?,
-            "coating" => surface.material.coat = Some(self.coat(plugin, 0.0.into())?),
-            "roughcoating" => {
-                let alpha = self.alpha(plugin)?;
-                surface.material.coat = Some(self.coat(plugin, alpha)?);
+            "coating" | "roughcoating" => {
+                let alpha = if kind == "coating" { 0.0.into() } else { self.alpha(plugin)? };
+                let coat = Some(self.coat(plugin, alpha)?);
+                surface.material.change_plain(&mut |part| part.coat = coat);
             }
             _ => {}
         }
@@ -130,6 +118,9 @@ impl<'a> Loader<'a> {
     /// Converts a coating, which reflects as a coat of its index does and neither bends nor absorbs light.
     fn coat(&mut self, plugin: &Plugin<'a>, alpha: Scalar) -> Result<Coat, LoadError> {
         plugin.ignore(&["thickness", "sigma_a", "specular_reflectance"]);
+        if plugin.string("distribution")? != Some("ggx") && alpha.factor > 0.0 {
+            self.warn("coatings have GGX facets of the same width");
+        }
         let eta = self.index(plugin, "int_ior", 1.5046)? / self.index(plugin, "ext_ior", 1.000_277)?;
         self.warn(format!(
             "{}: the coating is drawn as a clear layer that does not bend light",
@@ -182,7 +173,8 @@ impl<'a> Loader<'a> {
             let sampler = Texture { srgb: false, ..self.scene.textures[texture.texture].clone() };
             self.scene.textures.push(sampler);
             let texture = TextureRef { texture: self.scene.textures.len() - 1, ..texture };
-            surface.material.normal_map = Some(NormalMap { texture, scale: 1.0 });
+            let map = Some(NormalMap { texture, scale: 1.0 });
+            surface.material.change_plain(&mut |part| part.normal_map = map);
             surface.basis = Some(NormalMapBasis::RightHanded);
             surface.bump = false;
         }
@@ -211,7 +203,8 @@ impl<'a> Loader<'a> {
         let texture = TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, transform: heights.transform };
         // The factor converts units of the surface's uv to units of the image's uv.
         let per_uv = heights.transform.matrix2.determinant().abs().sqrt();
-        surface.material.normal_map = Some(NormalMap { texture, scale: steepest * scale * per_uv });
+        let map = Some(NormalMap { texture, scale: steepest * scale * per_uv });
+        surface.material.change_plain(&mut |part| part.normal_map = map);
         surface.basis = Some(NormalMapBasis::ImageUp);
         surface.bump = true;
         self.warn("bump maps are drawn as normal maps, with one scale for each mesh");
@@ -235,7 +228,7 @@ impl<'a> Loader<'a> {
             "conductor" | "roughconductor" => self.conductor(plugin, kind == "roughconductor"),
             "plastic" | "roughplastic" => self.plastic(plugin, kind == "roughplastic"),
             "phong" => {
-                // The GGX lobe has the same width as the lobe cos^n: alpha^2 = 2 / (n + 2), as for Beckmann.
+                // Beckmann facets of alpha^2 = 2 / (n + 2) are nearly as cos^n (Walter et al. 2007, section 5.4).
                 let exponent = plugin.float("exponent")?.unwrap_or(30.0).max(0.0);
                 self.warn(format!("{}: `phong` is drawn as rough plastic of like width", plugin.element.title()));
                 Ok(Bsdf::Plastic {
@@ -334,10 +327,6 @@ impl<'a> Loader<'a> {
     /// Returns the width of a microfacet lobe; Mitsuba's default is 0.1.
     fn alpha(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         plugin.ignore(&["sample_visible"]);
-        // Mitsuba's default distribution is Beckmann.
-        if plugin.string("distribution")? != Some("ggx") {
-            self.warn("microfacets other than GGX are drawn as GGX of the same width");
-        }
         let [u, v] = [self.scalar_parameter(plugin, "alpha_u")?, self.scalar_parameter(plugin, "alpha_v")?];
         let alpha = match (u, v) {
             // The stretch of the lobe beyond the smaller width is the material's anisotropy.
@@ -357,6 +346,20 @@ impl<'a> Loader<'a> {
             self.warn(format!("{}: alpha {} is taken as the nearest in [0, 1]", plugin.element.title(), alpha.factor));
         }
         Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
+    }
+
+    /// Returns the distribution of a BSDF's facets. Mitsuba's default is Beckmann; lobes of `phong` are nearly that.
+    fn distribution(&mut self, plugin: &Plugin<'a>) -> Result<Distribution, LoadError> {
+        match (plugin.element.plugin(), plugin.string("distribution")?) {
+            ("phong", _) | ("roughconductor" | "roughplastic" | "roughdielectric", None | Some("beckmann")) => {
+                Ok(Distribution::Beckmann)
+            }
+            ("roughconductor" | "roughplastic" | "roughdielectric", Some(other)) if other != "ggx" => {
+                self.warn(format!("facets of distribution `{other}` are drawn as Beckmann's of the same width"));
+                Ok(Distribution::Beckmann)
+            }
+            _ => Ok(Distribution::Ggx),
+        }
     }
 
     /// Returns the stretch of a lobe whose alpha_u and alpha_v are different numbers.

@@ -11,6 +11,7 @@
 mod bsdfs;
 mod emitters;
 mod metals;
+mod mixes;
 mod obj;
 mod ply;
 mod principled;

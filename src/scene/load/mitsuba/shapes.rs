@@ -13,7 +13,7 @@ use super::{Loader, obj, ply, serialized};
 use crate::scene::model::normals::smooth_normals;
 use crate::scene::model::shapes::{cube, cylinder, disk, rectangle, sphere};
 use crate::scene::model::tangents;
-use crate::scene::{Bsdf, Color, Instance, LoadError, Material, Mesh, Sides};
+use crate::scene::{Bsdf, Color, Instance, LoadError, Material, Mesh, NormalMap, Sides};
 
 /// Maximum number of world-space triangles of a scene; a file of a few lines could request more than fits in
 /// memory.
@@ -268,14 +268,9 @@ impl<'a> Loader<'a> {
             }
             ShapeMaterial::Bumped(surface) => {
                 let Surface { mut material, basis, .. } = *surface;
-                match metres_per_uv(mesh, to_world) {
-                    Some(metres) => {
-                        if let Some(map) = &mut material.normal_map {
-                            map.scale /= metres;
-                        }
-                    }
-                    None => material.normal_map = None,
-                }
+                let metres = metres_per_uv(mesh, to_world);
+                let scaled = |map: NormalMap| Some(NormalMap { scale: map.scale / metres?, ..map });
+                material.change_plain(&mut |part| part.normal_map = part.normal_map.and_then(scaled));
                 self.scene.materials.push(material);
                 mesh.material = self.scene.materials.len() - 1;
                 basis
@@ -288,7 +283,8 @@ impl<'a> Loader<'a> {
         if basis.is_some() && mesh.uvs[0].is_empty() {
             self.warn(format!("`{}` has no texture coordinates, so its normal or bump map is not drawn", mesh.name));
         }
-        if let (Some(basis), Some(map)) = (basis, self.scene.materials[mesh.material].normal_map) {
+        let map = self.scene.materials[mesh.material].plain().into_iter().find_map(|part| part.normal_map);
+        if let (Some(basis), Some(map)) = (basis, map) {
             match basis {
                 NormalMapBasis::ImageUp => _ = tangents::generate(mesh, 0, map.texture.transform),
                 NormalMapBasis::RightHanded => {
