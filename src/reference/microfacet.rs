@@ -167,7 +167,8 @@ mod tests {
 
     #[test]
     fn distribution_of_normals_projects_to_one() {
-        let shapes = [Distribution::Ggx, Distribution::Beckmann].map(|distribution| Shape { stretch: 1.0, distribution });
+        let shapes =
+            [Distribution::Ggx, Distribution::Beckmann].map(|distribution| Shape { stretch: 1.0, distribution });
         for (alpha, shape) in [0.05, 0.3, 1.0].into_iter().flat_map(|alpha| shapes.map(|shape| (alpha, shape))) {
             // Integrates int D cos dw by the midpoint rule in x, with tan(theta) / alpha = x / (1 - x).
             let n = 20_000;
@@ -179,7 +180,8 @@ mod tests {
                 let dtan = alpha / ((1.0 - x) * (1.0 - x)) / n as f32;
                 // dw = 2 pi sin dtheta and dtheta = cos^2 dtan.
                 let sin = tan * cos;
-                sum += f64::from(d(Vec3::new(sin, 0.0, cos), Width { alpha, shape }) * cos * TAU * sin * cos * cos * dtan);
+                sum +=
+                    f64::from(d(Vec3::new(sin, 0.0, cos), Width { alpha, shape }) * cos * TAU * sin * cos * cos * dtan);
             }
             assert!((sum - 1.0).abs() < 1e-3, "{alpha} {shape:?}: {sum}");
         }

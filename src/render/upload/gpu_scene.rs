@@ -71,11 +71,10 @@ impl GpuScene {
         }
         let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
-        let (mut materials, layers): (Vec<_>, Vec<_>) =
-            Material::with_parts(&scene.materials)
-                .into_iter()
-                .map(|(material, parts)| records(material, parts, scene, &mut atlas))
-                .unzip();
+        let (mut materials, layers): (Vec<_>, Vec<_>) = Material::with_parts(&scene.materials)
+            .into_iter()
+            .map(|(material, parts)| records(material, parts, scene, &mut atlas))
+            .unzip();
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }

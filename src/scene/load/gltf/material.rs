@@ -14,8 +14,8 @@ use rayon::prelude::*;
 use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Image, LoadError, Material,
-    NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Image,
+    LoadError, Material, NormalMap, Opacity, Scalar, Scene, Sheen, Sides, Texture, TextureRef, Wrap,
 };
 
 /// Converts materials and collects the images that they refer to.

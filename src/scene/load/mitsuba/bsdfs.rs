@@ -12,8 +12,8 @@ use super::values::Plugin;
 use super::xml::Element;
 use super::{metals, textures};
 use crate::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Fresnel, Image, LoadError, Material, NormalMap,
-    Opacity, Scalar, Sides, Texture, TextureRef,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Fresnel, Image, LoadError, Material,
+    NormalMap, Opacity, Scalar, Sides, Texture, TextureRef,
 };
 
 /// Maximum nesting depth of BSDFs.
