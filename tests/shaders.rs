@@ -142,7 +142,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
     // GLOSSY.
     let mirrors = follows_mirrors(pass);
     assert!(!mirrors || flags.contains(&Flag::Specular), "{pass}");
-    let all = flags;
+    let all_flags = flags;
     let flags: Vec<_> = flags
         .iter()
         .copied()
@@ -150,10 +150,10 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
         .filter(|f| *f != Flag::SkyGuide)
-        .filter(|f| !TRACERS.contains(f) && !Flag::LAYERS.contains(f))
+        .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
-    let layers: Vec<_> = Flag::LAYERS.iter().copied().filter(|layer| all.contains(layer)).collect();
+    let layers: Vec<_> = like_layers().filter(|layer| all_flags.contains(layer)).collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
     let few = |bits: &u32| {
         let on = bits.count_ones();
@@ -182,7 +182,10 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             let apart = glossy && layers.len() > 1 && (every || set.len() <= FEW_BESIDE_A_LAYER);
             let single = if apart { layers.as_slice() } else { &[] };
             let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
-            std::iter::once(set).chain(all).chain(one)
+            // Mixes may be of diffuse materials alone.
+            let diffuse = !set.contains(&Flag::Glossy) && all_flags.contains(&Flag::Mixes);
+            let mixed = diffuse.then(|| [&set, &[Flag::Mixes][..]].concat());
+            std::iter::once(set).chain(all).chain(one).chain(mixed)
         })
         .flat_map(|set| {
             // Rays test what the sky lights where it has a guide.
@@ -196,6 +199,11 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         // Vertices have tangents with textures.
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
         .collect()
+}
+
+/// Returns the flags that are tested as those of layers are.
+fn like_layers() -> impl Iterator<Item = Flag> {
+    Flag::LAYERS.into_iter().chain([Flag::Beckmann, Flag::Mixes])
 }
 
 /// Most flags of a set that each layer is added to alone, unless all sets are tested.

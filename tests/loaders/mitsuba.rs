@@ -12,8 +12,8 @@ use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{
-    self, Anisotropy, Boundary, Bsdf, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light, Opacity,
-    Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
+    self, Anisotropy, Boundary, Bsdf, Distribution, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light,
+    Opacity, Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
 };
 
 /// Creates an empty folder for a test's files.
@@ -471,6 +471,58 @@ fn principled_becomes_the_model_of_gltf() {
 }
 
 #[test]
+fn distributions_become_the_model() {
+    let distribution = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials[0].distribution;
+    for kind in ["roughconductor", "roughplastic", "roughdielectric"] {
+        let with = |name: &str| format!(r#"<bsdf type="{kind}"><string name="distribution" value="{name}"/></bsdf>"#);
+        assert_eq!(distribution(&format!("<bsdf type=\"{kind}\"/>")), Distribution::Beckmann, "{kind}");
+        assert_eq!(distribution(&with("beckmann")), Distribution::Beckmann, "{kind}");
+        assert_eq!(distribution(&with("ggx")), Distribution::Ggx, "{kind}");
+    }
+    assert_eq!(distribution(r#"<bsdf type="conductor"/>"#), Distribution::Ggx);
+}
+
+#[test]
+fn blends_become_mixes() {
+    let material = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials.remove(0);
+    let blend = |weight: f32, parts: &str| {
+        format!(r#"<bsdf type="blendbsdf"><float name="weight" value="{weight}"/>{parts}</bsdf>"#)
+    };
+    let [red, metal] =
+        [r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.2, 0"/></bsdf>"#, r#"<bsdf type="conductor"/>"#];
+    let mixed = material(&format!("<bsdf type=\"twosided\">{}</bsdf>", blend(0.3, &format!("{red}{metal}"))));
+    let mix = mixed.mix.as_ref().unwrap();
+    assert_eq!((mix.weight, mixed.sides), (0.3.into(), Sides::Two));
+    assert!(matches!(mix.parts[0].bsdf, Bsdf::Diffuse { .. }) && matches!(mix.parts[1].bsdf, Bsdf::Conductor { .. }));
+    assert!(mix.parts.iter().all(|part| part.sides == Sides::Two));
+
+    // A blend of diffuse ones is one, and so is a blend with all of one part.
+    let grey = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf>"#;
+    let plain = material(&blend(0.25, &format!("{red}{grey}")));
+    let reflectance = Vec3::new(0.7, 0.25, 0.1);
+    let Bsdf::Diffuse { reflectance: found } = plain.bsdf else { panic!("{plain:?}") };
+    assert!(plain.mix.is_none() && found.factor.abs_diff_eq(reflectance, 1e-6), "{found:?}");
+    let sole = material(&blend(1.0, &format!("{red}{metal}")));
+    assert!(sole.mix.is_none() && matches!(sole.bsdf, Bsdf::Conductor { .. }));
+
+    // Nothing of a `null` is there.
+    let thin = material(&blend(0.6, &format!("<bsdf type=\"null\"/>{red}")));
+    assert_eq!(thin.opacity, Some(Opacity::Blended { value: 0.6.into() }));
+    let mask = format!(r#"<bsdf type="mask"><float name="opacity" value="0.5"/>{metal}</bsdf>"#);
+    let half = material(&blend(0.5, &format!("{red}{mask}")));
+    assert_eq!(half.opacity, Some(Opacity::Blended { value: 0.75.into() }));
+    assert!((half.mix.unwrap().weight.factor - 1.0 / 3.0).abs() < 1e-6);
+
+    // Weights of 0.5's mixtures that sum to less than 1 leave the rest black.
+    let sum =
+        material(&format!(r#"<bsdf type="mixturebsdf"><string name="weights" value="0.5, 0.25"/>{red}{metal}</bsdf>"#));
+    let mix = sum.mix.unwrap();
+    assert!((mix.weight.factor - 0.25).abs() < 1e-6, "{:?}", mix.weight);
+    let Bsdf::Diffuse { reflectance } = mix.parts[0].bsdf else { panic!("{:?}", mix.parts[0]) };
+    assert!(reflectance.factor.abs_diff_eq(Vec3::new(0.8, 0.2, 0.0) * (2.0 / 3.0), 1e-6), "{reflectance:?}");
+}
+
+#[test]
 fn glass_becomes_the_model() {
     let material = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>")).materials.remove(0);
     let glass = material(r#"<bsdf type="dielectric"/>"#);
@@ -500,8 +552,12 @@ fn glass_becomes_the_model() {
     let masked = material(r#"<bsdf type="mask"><float name="opacity" value="1"/><bsdf type="dielectric"/></bsdf>"#);
     assert_eq!(masked.opacity, Some(Opacity::Blended { value: 1.0.into() }));
 
-    let text = format!("<shape type=\"rectangle\">{}</shape>", rough.replace("DISTRIBUTION", "beckmann"));
-    assert!(self::scene(&text).warnings[0].contains("GGX"));
+    let warnings = |distribution: &str| {
+        let rough = rough.replace("DISTRIBUTION", distribution);
+        self::scene(&format!("<shape type=\"rectangle\">{rough}</shape>")).warnings
+    };
+    assert_eq!(warnings("beckmann"), Vec::<String>::new());
+    assert!(warnings("as")[0].contains("Beckmann"));
 }
 
 #[test]
@@ -904,8 +960,6 @@ fn what_is_not_supported_is_said_once_and_replaced() {
            <shape type="rectangle"><bsdf type="hair"/></shape>
            <shape type="rectangle"><bsdf type="diffuse"><float name="sparkle" value="1"/></bsdf></shape>
            <shape type="rectangle"><bsdf type="diffuse"><texture name="reflectance" type="volume"/></bsdf></shape>
-           <shape type="rectangle"><bsdf type="blendbsdf"><float name="weight" value="0.8"/>
-             <bsdf type="diffuse" id="light"/><bsdf type="plastic" id="heavy"/></bsdf></shape>
            <shape type="sdfgrid"/>"#,
     );
     for (i, text) in [
@@ -919,7 +973,6 @@ fn what_is_not_supported_is_said_once_and_replaced() {
         "hair",
         "sparkle",
         "volume",
-        "blends",
         "sdfgrid",
     ]
     .iter()
@@ -928,8 +981,7 @@ fn what_is_not_supported_is_said_once_and_replaced() {
         let count = scene.warnings.iter().filter(|w| w.contains(text)).count();
         assert_eq!(count, 1, "{i}: `{text}` is said {count} times in {:#?}", scene.warnings);
     }
-    assert_eq!(scene.warnings.len(), 12, "{:#?}", scene.warnings);
+    assert_eq!(scene.warnings.len(), 11, "{:#?}", scene.warnings);
     assert_eq!(scene.materials[0].opacity.map(|o| o.value().factor), Some(0.0), "light passes");
-    assert_eq!(scene.materials.last().unwrap().name, "heavy");
     assert_eq!((scene.cameras.len(), scene.environment.is_some()), (1, true));
 }

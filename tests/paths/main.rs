@@ -17,7 +17,7 @@ use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::render::open;
 use lightsheaf::render::renderer::{RenderStats, Renderer as _};
 use lightsheaf::render::subpaths::PathRenderer;
-use lightsheaf::scene::{Boundary, Light, Scene, builtin};
+use lightsheaf::scene::{Boundary, Light, Material, Scene, builtin};
 use lightsheaf::settings::{LightSampling, OnlyStrategy, RestirBias, Settings, Technique};
 use lightsheaf::staging::{self, Staging};
 
@@ -118,6 +118,45 @@ fn layers_agree_with_the_reference() {
     shared_agrees("sheens", &scenes::sheens(), 2);
     agrees("brushed", &scenes::brushed(), SIDE, 3);
     shared_agrees("brushed", &scenes::brushed(), 2);
+}
+
+#[test]
+fn mixes_agree_with_the_reference() {
+    agrees("mixes", &scenes::mixes(), SIDE, 3);
+    shared_agrees("mixes", &scenes::mixes(), 2);
+}
+
+/// A mix of diffuse materials is the diffuse material of the mean reflectance.
+#[test]
+fn a_mix_is_the_mean_of_its_parts() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let [dark, bright] = [Vec3::new(0.1, 0.4, 0.2), Vec3::new(0.9, 0.3, 0.7)].map(|color| Material::diffuse("", color));
+    let mean = Material::diffuse("", Vec3::new(0.58, 0.34, 0.5));
+    let with = |material: &Material| {
+        let mut scene = scenes::cornell("area");
+        scene.materials[0] = Material { emission: scene.materials[0].emission, ..material.clone() };
+        scene
+    };
+    let (mixed, mean) = (with(&scenes::mixed(0.6, [dark.clone(), bright])), with(&mean));
+    let expected = references(&mean, &settings(Technique::PATH, SIDE, 1, 2), 64);
+    let verdict = |films: &[Film]| compare(films, &expected, Look::Blocks);
+    let of_reference = verdict(&references(&mixed, &settings(Technique::PATH, SIDE, 1, 2), 64));
+    assert!(of_reference.agrees(), "reference: {of_reference:?}");
+    for technique in METHODS {
+        let settings = settings(technique, SIDE, 32, 2);
+        let verdict_of = |scene| verdict(&pictures(gpu, scene, &settings));
+        let agreement = verdict_of(&mixed);
+        assert!(agreement.agrees(), "{technique}: {agreement:?}");
+        let off = verdict_of(&with(&dark));
+        assert!(!off.agrees(), "a canary passes: {off:?}");
+    }
+    shared_agrees("mixed walls", &mixed, 2);
+}
+
+#[test]
+fn beckmann_facets_agree_with_the_reference() {
+    agrees("Beckmann facets", &scenes::beckmann_facets(), SIDE, 3);
+    shared_agrees("Beckmann facets", &scenes::beckmann_facets(), 2);
 }
 
 #[test]

@@ -133,6 +133,11 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("sheen under a coat", scenes::coated(0.5, scenes::velvet(0.6, scenes::plastic(0.3)))),
         ("brushed metal", scenes::stretched(0.7, scenes::conductor(0.3, Fresnel::None))),
         ("brushed glass under a coat", scenes::coated(0.6, scenes::stretched(0.6, scenes::glass(0.3, 1.5, clear)))),
+        ("Beckmann metal", scenes::beckmann(scenes::conductor(0.4, Fresnel::None))),
+        ("brushed Beckmann metal", scenes::beckmann(scenes::stretched(0.6, scenes::conductor(0.2, Fresnel::None)))),
+        ("Beckmann plastic under a coat", scenes::coated(0.6, scenes::beckmann(scenes::plastic(0.3)))),
+        ("Beckmann glass", scenes::beckmann(scenes::glass(0.4, 1.5, clear))),
+        ("Beckmann sheet", scenes::beckmann(scenes::glass(0.3, 1.5, Boundary::Sheet))),
         ("film on glTF", scenes::filmed(300.0, scenes::gltf(0.6, 0.3, 0.0, Boundary::Sheet))),
         ("leaf", scenes::translucent(0.6, scenes::gltf(0.6, 0.1, 0.3, Boundary::Sheet))),
         (

@@ -2,9 +2,9 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Emission, Film, Filter, Fresnel, Image, Lamp, Lens,
-    Light, Mapping, Material, Mesh, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides, SpotFalloff, Texture,
-    TextureRef, Wrap, builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Fresnel, Image,
+    Lamp, Lens, Light, Mapping, Material, Mesh, Mix, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides,
+    SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -170,6 +170,46 @@ pub fn brushed() -> Scene {
     for mesh in scene.meshes.iter_mut().filter(|mesh| mesh.normals.len() == mesh.positions.len()) {
         mesh.tangents = mesh.normals.iter().map(|n| Vec3::Y.cross(*n).normalize_or_zero().extend(1.0)).collect();
     }
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a material whose lobe has Beckmann facets.
+pub fn beckmann(material: Material) -> Material {
+    Material { distribution: Distribution::Beckmann, ..material }
+}
+
+/// Returns Beckmann facets of metal, plastic and glass, one of them under a coat.
+pub fn beckmann_facets() -> Scene {
+    let mut scene = balls([
+        beckmann(conductor(0.2, Fresnel::None)),
+        beckmann(plastic(0.2)),
+        beckmann(glass(0.2, 1.4, Boundary::Volume { absorption: Vec3::ZERO })),
+        coated(0.4, beckmann(conductor(0.4, Fresnel::None))),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a mix of two materials.
+pub fn mixed(weight: f32, parts: [Material; 2]) -> Material {
+    let boundary = parts.iter().find(|part| part.transmits()).unwrap_or(&parts[0]).boundary;
+    let mix = Some(Mix { weight: weight.into(), parts: Box::new(parts) });
+    Material { mix, boundary, ..Material::diffuse("", Vec3::ZERO) }
+}
+
+/// Returns mixes of diffuse, rough and smooth surfaces, of glass, and of mixes, one of which emits light.
+pub fn mixes() -> Scene {
+    let blue = Material::diffuse("", Vec3::new(0.2, 0.3, 0.8));
+    let clear = Boundary::Volume { absorption: Vec3::ZERO };
+    let nested = mixed(0.3, [plastic(0.2), conductor(0.0, Fresnel::None)]);
+    let emission = Some(Emission { radiance: Vec3::new(0.2, 0.1, 0.0).into(), two_sided: false });
+    let mut scene = balls([
+        mixed(0.4, [blue.clone(), conductor(0.2, Fresnel::None)]),
+        mixed(0.5, [nested, beckmann(conductor(0.3, Fresnel::None))]),
+        mixed(0.6, [coated(0.3, blue.clone()), glass(0.0, 1.5, clear)]),
+        Material { emission, ..mixed(0.5, [blue, gltf(0.4, 1.0, 0.0, Boundary::Sheet)]) },
+    ]);
     lamp(&mut scene, 3.0, false);
     scene
 }

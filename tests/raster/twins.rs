@@ -134,7 +134,7 @@ fn surfaces(
             let at = barycentrics(random);
             let hit = Hit { triangle, t: 1.0, bary: [at[1], at[2]] };
             let wo = random.direction();
-            let surface = reference.at(&hit, -wo);
+            let surface = reference.at(&hit, -wo, 0);
             // Points whose side depends on rounding are left out.
             if surface.normal.dot(wo) < 1e-3 {
                 continue;
@@ -410,6 +410,29 @@ fn stretched_lobes() {
     (scene.images, scene.textures) = (textures.images, textures.textures);
     let [values, ..] = surfaces(gpu, &scene, &flags, 0.25, &mut random);
     compare("stretch by a texture", TOLERANCE, &from_one(&values));
+}
+
+#[test]
+fn beckmann_facets() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut random = Random(29);
+    for (low, high) in [(0.1, 1.0), (0.01, 0.1)] {
+        let materials = (0..200)
+            .map(|i| {
+                let distribution = Distribution::Beckmann;
+                let strength = [0.0, 0.5][random.below(2)];
+                let anisotropy = Some(Anisotropy { strength, rotation: random.between(-4.0, 4.0), texture: None });
+                let width = low * f32::powf(high / low, random.unit());
+                Material { distribution, anisotropy, ..material(1 + i % 3, width, &mut random) }
+            })
+            .collect();
+        let scene = scene_of(materials, false, &mut random);
+        let flags = [Flag::Glossy, Flag::Anisotropy, Flag::Textures, Flag::Beckmann];
+        let [values, ..] = surfaces(gpu, &scene, &flags, 1e-2, &mut random);
+        compare("Beckmann facets", if high <= 0.1 { NARROW } else { PLASTIC }, &values);
+        let [ggx, ..] = surfaces(gpu, &scene, &flags[..3], 1e-2, &mut random);
+        assert_noticed("Beckmann facets", PLASTIC, &ggx);
+    }
 }
 
 #[test]

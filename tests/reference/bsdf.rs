@@ -7,10 +7,10 @@ use glam::{Vec2, Vec3};
 use lightsheaf::reference::bsdf::Bsdf;
 use lightsheaf::reference::film::Film;
 use lightsheaf::reference::layers::{Coat, Layered};
-use lightsheaf::reference::microfacet;
+use lightsheaf::reference::microfacet::{self, Shape};
 use lightsheaf::reference::sheen::Sheen;
 use lightsheaf::reference::surface::Frame;
-use lightsheaf::scene::{Fresnel, SMOOTH};
+use lightsheaf::scene::{Distribution, Fresnel, SMOOTH};
 
 fn all() -> Vec<(String, Bsdf)> {
     let mut all = vec![("diffuse".to_owned(), Bsdf::Diffuse { albedo: Vec3::new(0.3, 0.6, 0.9) })];
@@ -57,6 +57,10 @@ fn layered() -> Vec<(String, Layered)> {
         ));
         let stretched = Shape { stretch: 2.5, ..Shape::ROUND };
         all.push((format!("{name}, stretched"), Layered { shape: stretched, ..base.into() }));
+        let shape = Shape { stretch: 1.0, distribution: Distribution::Beckmann };
+        all.push((format!("{name}, Beckmann"), Layered { shape, ..base.into() }));
+        let shape = Shape { stretch: 2.0, ..shape };
+        all.push((format!("{name}, Beckmann, stretched"), Layered { shape, ..base.into() }));
     }
     all
 }
@@ -92,7 +96,7 @@ fn glass(alpha: f32, eta: f32) -> Bsdf {
 /// A transmitting surface with its width and its index of refraction.
 struct Passing {
     name: String,
-    bsdf: Bsdf,
+    bsdf: Layered,
     alpha: f32,
     bend: f32,
 }
@@ -112,7 +116,7 @@ fn passing() -> Vec<[Passing; 2]> {
     let both = |name: &str, alpha: f32, index: f32, bsdf: &dyn Fn(f32) -> Bsdf| {
         [index, 1.0 / index].map(|bend| Passing {
             name: format!("{name} {alpha} {bend}"),
-            bsdf: bsdf(bend),
+            bsdf: bsdf(bend).into(),
             alpha,
             bend,
         })
@@ -127,6 +131,12 @@ fn passing() -> Vec<[Passing; 2]> {
             sheet: true,
             reflection,
             transmission,
+        }));
+        let beckmann = Shape { stretch: 1.0, distribution: Distribution::Beckmann };
+        all.push(both("glass", alpha, 1.5, &|eta| glass(alpha, eta)).map(|passing| Passing {
+            name: format!("Beckmann {}", passing.name),
+            bsdf: Layered { shape: beckmann, ..passing.bsdf },
+            ..passing
         }));
         if alpha > 0.05 {
             // Warps as narrow as a narrow lobe leave too few bins for the diffuse one.
@@ -249,13 +259,13 @@ fn chi_square(bsdf: &Layered, wo: Vec3, warps: [Warp; 2], seed: u64, scale: f64)
 
 #[test]
 fn samples_follow_their_density() {
-    // The tests have a significance of 1 % in all (Sidak): with 231 of them, 0.0044 % each, a deviate of 3.93.
+    // The tests have a significance of 1 % in all (Sidak): with 273 of them, 0.0037 % each, a deviate of 3.97.
     let mut tests = 0;
     let mut follows = |name: &str, bsdf: &Layered, wo: Vec3, warps: [Warp; 2]| {
         let (statistic, freedom) = chi_square(bsdf, wo, warps, 17 + tests % 3, 1.0);
         let z = deviate(statistic, freedom);
         assert!(
-            z < 3.93,
+            z < 3.97,
             "{name}, wo {wo}: chi-square {statistic:.0} with {freedom} degrees of freedom, deviate {z:.1}"
         );
         tests += 1;
@@ -263,9 +273,9 @@ fn samples_follow_their_density() {
     for wo in observers() {
         all().iter().for_each(|(name, bsdf)| follows(name, &(*bsdf).into(), wo, [EVEN; 2]));
         layered().iter().for_each(|(name, bsdf)| follows(name, bsdf, wo, [EVEN; 2]));
-        passing().iter().flatten().for_each(|p| follows(&p.name, &p.bsdf.into(), wo, p.warps(wo)));
+        passing().iter().flatten().for_each(|p| follows(&p.name, &p.bsdf, wo, p.warps(wo)));
     }
-    assert_eq!(tests, 231);
+    assert_eq!(tests, 273);
 }
 
 #[test]
@@ -276,7 +286,7 @@ fn canary_a_density_that_is_off_is_rejected() {
     }
     for p in passing().iter().flatten() {
         let wo = observers()[1];
-        let (statistic, freedom) = chi_square(&p.bsdf.into(), wo, p.warps(wo), 3, 0.97);
+        let (statistic, freedom) = chi_square(&p.bsdf, wo, p.warps(wo), 3, 0.97);
         assert!(deviate(statistic, freedom) > 5.0, "{}: {statistic:.0} with {freedom}", p.name);
     }
 }
@@ -320,7 +330,9 @@ fn reciprocity_through_a_surface() {
                 positive += u32::from(forth.min_element() > 0.0);
             }
         }
-        assert!(positive > 50, "{name}: {positive}");
+        // The tails of a narrow Beckmann lobe are zero in floating point.
+        let least = if name.starts_with("Beckmann") { 20 } else { 50 };
+        assert!(positive > least, "{name}: {positive}");
     }
 }
 
@@ -374,7 +386,7 @@ fn energy() {
     for wo in observers() {
         all().iter().for_each(|(name, bsdf)| check(name, wo, furnace(&(*bsdf).into(), wo, [EVEN; 2], 1.0)));
         layered().iter().for_each(|(name, bsdf)| check(name, wo, furnace(bsdf, wo, [EVEN; 2], 1.0)));
-        passing().iter().flatten().for_each(|p| check(&p.name, wo, furnace(&p.bsdf.into(), wo, p.warps(wo), p.bend)));
+        passing().iter().flatten().for_each(|p| check(&p.name, wo, furnace(&p.bsdf, wo, p.warps(wo), p.bend)));
     }
 }
 

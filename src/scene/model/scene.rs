@@ -96,7 +96,6 @@ impl Scene {
     /// surfaces. Light passes removed surfaces unbent. One warning for each of the two names the materials.
     #[must_use]
     pub fn without_glass(mut self) -> Self {
-        self.materials.iter_mut().for_each(Material::unmix_glass);
         let glass = |material: &Material| matches!(material.bsdf, Bsdf::Dielectric { .. });
         let shown = |test: &dyn Fn(&Material) -> bool| {
             let mut used: Vec<usize> = self.instances.iter().map(|i| self.meshes[i.mesh].material).collect();
@@ -106,13 +105,19 @@ impl Scene {
             used.map(|m| format!("`{}`", m.name)).collect::<Vec<_>>().join(", ")
         };
         let methods = "`--method ray-query` and `reference` render transmission";
-        let [left_out, opaque] = [shown(&glass), shown(&|m| !glass(m) && m.transmits())];
+        let is_mixed = |m: &Material| m.mix.is_some() && m.any(&glass);
+        let [left_out, mixed] = [shown(&glass), shown(&is_mixed)];
+        let opaque = shown(&|m| !glass(m) && !is_mixed(m) && m.transmits());
         if !left_out.is_empty() {
             self.warn(format!("surfaces of glass are left out: {left_out}; {methods}"));
+        }
+        if !mixed.is_empty() {
+            self.warn(format!("glass in mixes is left out: {mixed}; {methods}"));
         }
         if !opaque.is_empty() {
             self.warn(format!("transmission is rendered opaque: {opaque}; {methods}"));
         }
+        self.materials.iter_mut().for_each(Material::unmix_glass);
         let (meshes, materials) = (&self.meshes, &self.materials);
         self.instances.retain(|i| !glass(&materials[meshes[i.mesh].material]));
         for material in &mut self.materials {
