@@ -4,6 +4,7 @@
 # REQUIRE_GPU=1 makes tests fail that would be skipped without a Vulkan device.
 # REQUIRE_SHARED=1 makes tests fail that would be skipped without the scenes and reference images in ../shared.
 # REQUIRE_BROWSER=1 makes tests fail that would be skipped without a browser, or without the page that it shows.
+# REQUIRE_PYTHON=1 makes the test of the Python package fail where it would be skipped without Python or its package index.
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

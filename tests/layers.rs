@@ -10,7 +10,7 @@ use lightsheaf::film::exr::Picture;
 use lightsheaf::film::oidn::{self, DenoiseError};
 use lightsheaf::metrics::compare;
 use lightsheaf::reference::{Reference, ReferenceSettings};
-use lightsheaf::scene;
+use lightsheaf::scene::{self, Light};
 
 mod common;
 
@@ -255,6 +255,137 @@ fn the_parts_of_light_leave_the_environment_out() {
         }
         assert!(if transparent { sky == 0 } else { sky > 50 }, "{transparent}: {sky} pixels show the sky");
     }
+}
+
+/// A ball on a floor below two point lights, a panel and the sky, or below some of these.
+fn grouped(lights: &[&str]) -> String {
+    let all = [
+        (
+            "key",
+            r#"<emitter type="point" id="key"><point name="position" x="2" y="3" z="2"/><rgb name="intensity" value="9,8,6"/></emitter>"#,
+        ),
+        (
+            "fill",
+            r#"<emitter type="point" id="fill.001"><point name="position" x="-2" y="2" z="2"/><rgb name="intensity" value="4,6,9"/></emitter>"#,
+        ),
+        (
+            "panel",
+            r#"<shape type="rectangle" id="panel"><transform name="to_world"><scale value="0.3"/><rotate x="1" angle="90"/><translate y="2.5"/></transform><emitter type="area"><rgb name="radiance" value="6,6,6"/></emitter></shape>"#,
+        ),
+        ("sky", r#"<emitter type="constant"><rgb name="radiance" value="0.2,0.2,0.3"/></emitter>"#),
+    ];
+    let lights: String = all.iter().filter(|(name, _)| lights.contains(name)).map(|(_, text)| *text).collect();
+    format!(
+        r#"<scene version="3.0.0">
+        <sensor type="perspective"><float name="fov" value="60"/><transform name="to_world"><lookat origin="0,1,4" target="0,0.7,0" up="0,1,0"/></transform></sensor>
+        <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="3"/></transform></shape>
+        <shape type="sphere"><point name="center" x="0" y="0.5" z="0"/><float name="radius" value="0.5"/></shape>
+        {lights}</scene>"#
+    )
+}
+
+/// Light groups sum to the picture in every method, and each is the picture by its light alone.
+#[test]
+fn light_groups_are_the_picture() {
+    let folder = Folder::new("groups");
+    let file = |name: &str, lights: &[&str]| {
+        let path = folder.path(name);
+        std::fs::write(&path, grouped(lights)).unwrap();
+        path
+    };
+    let (all, key) = (file("all.xml", &["key", "fill", "panel", "sky"]), file("key.xml", &["key"]));
+    let out = folder.path("a.exr");
+    let picture = |scene: &str, more: &[&str]| {
+        let base = ["render", scene, "-o", &out, "--size", "32x24", "--samples", "32", "-q"];
+        let (code, text) = run(&[&base, more].concat());
+        assert_eq!(code, Some(0), "{more:?}: {text}");
+        Picture::load(&out).unwrap()
+    };
+    let layers = ["light_fill_001", "light_key", "light_environment", "light_rest"];
+    let wanted = ["--light-groups", "key,environment,fill.001"];
+    let methods = METHODS.into_iter().filter(|method| method[1] != "twin" || common::gpu_with_ray_queries().is_some());
+    for method in methods.filter(|method| method[1] == "reference" || common::gpu().is_some()) {
+        let with = picture(&all, &[method, &wanted].concat());
+        let parts = layers.map(|layer| light(&with, layer));
+        let mut sum = Film::new(32, 24);
+        let sums = sum.pixels.iter_mut().flatten().enumerate();
+        sums.for_each(|(n, value)| *value = parts.iter().map(|part| part.pixels[n / 3][n % 3]).sum());
+        let error = compare(&sum, &with.film).unwrap();
+        println!("{method:?}: rel_mse {} of the sum, mean {:+}", error.rel_mse, error.mean_bias);
+        // Pixels of `shared` have much of their noise in common. The weakest group has a twentieth of the light.
+        assert!(error.rel_mse < 0.003 && error.mean_bias.abs() < 0.03, "{method:?}: {error:?}");
+        for (layer, part) in layers.iter().zip(&parts) {
+            let error = compare(part, &with.film).unwrap();
+            assert!(error.mean_bias < -0.05 && error.mean_bias > -0.99, "canary: {layer}: {error:?}");
+        }
+        if ["reference", "path"].contains(&method[1]) {
+            let alone = picture(&key, &[method, &["--env", "none"]].concat());
+            assert!(alone.film == parts[1], "{method:?}: the layer is that of a file with this light alone");
+            let none = picture(&all, method);
+            assert!(none.film == with.film && none.channels.is_empty(), "{method:?}: layers change the picture");
+        }
+    }
+    fail(&["render", &all, "-o", &out, "--light-groups", "keys"], "has `environment`, `fill.001`, `key`, `panel`");
+    fail(&["render", &all, "-o", &folder.path("a.png"), "--light-groups", "key"], "layers are written to an .exr");
+}
+
+/// The sky behind the scene is left out of its group, too.
+#[test]
+fn light_groups_leave_the_environment_out() {
+    let folder = Folder::new("groups-sky");
+    let camera = ["--eye", "1,1,9", "--target", "0,1,0", "--fov", "60"];
+    let layers = ["--method", "reference", "--env", "studio", "--transparent", "--light-groups", "environment"];
+    let picture = rendered(&folder, "builtin:single_triangle", &[&layers[..], &camera].concat());
+    let (sky, alpha) = (light(&picture, "light_environment"), picture.channel("A").unwrap());
+    let outside: Vec<usize> = (0..alpha.len()).filter(|&pixel| alpha[pixel] == 0.0).collect();
+    assert!(outside.len() > 50);
+    assert!(outside.iter().all(|&pixel| sky.pixels[pixel].iter().all(|value| value.abs() < 1e-4)));
+}
+
+/// Groups share out all lights, whichever lights are left out.
+#[test]
+fn groups_share_out_all_lights() {
+    let mut scene = scene::load("builtin:cornell_area").unwrap();
+    let point = |x| Light::Point { position: Vec3::splat(x), intensity: Vec3::ONE };
+    scene.lights = vec![point(0.1), point(0.2), point(0.3)];
+    scene.group_lights(1, Some("fill"));
+    scene.lights.push(point(0.4));
+    let emitter = scene.materials.iter().position(|material| material.emission.is_some()).unwrap();
+    scene.light_groups.materials.insert(emitter, "key".to_owned());
+    assert_eq!(scene.light_group_names(), ["", "fill", "key"]);
+    let fill = scene.lit_by(&|group| group == "fill");
+    assert_eq!(fill.lights, [point(0.2), point(0.3)]);
+    assert_eq!(fill.light_group_names(), ["fill"], "names follow their lights");
+    let key = scene.lit_by(&|group| group == "key");
+    assert!(key.lights.is_empty() && key.materials[emitter].emission.is_some());
+    assert_eq!(scene.lit_by(&str::is_empty).lights, [point(0.1), point(0.4)]);
+}
+
+/// A group is that of the extras of the node, of the light or of the material, or else the name.
+#[test]
+fn gltf_files_name_light_groups() {
+    let group = |name: &str| format!(r#""extras": {{"lightsheaf_light_group": "{name}"}}"#);
+    let [key, fill, screen] = ["key", "fill", "screen"].map(group);
+    let positions: Vec<u8> =
+        [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let text = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "extensionsUsed": ["KHR_lights_punctual"], "scenes": [{{"nodes": [0, 1, 2, 3, 4]}}],
+        "extensions": {{"KHR_lights_punctual": {{"lights": [
+            {{"type": "point", "name": "bulb"}}, {{"type": "point", {fill}}}]}}}},
+        "nodes": [
+            {{"name": "lamp", "extensions": {{"KHR_lights_punctual": {{"light": 0}}}}}},
+            {{"name": "lamp.001", {key}, "extensions": {{"KHR_lights_punctual": {{"light": 1}}}}}},
+            {{"name": "lamp.002", "extensions": {{"KHR_lights_punctual": {{"light": 1}}}}}},
+            {{"extensions": {{"KHR_lights_punctual": {{"light": 0}}}}}},
+            {{"mesh": 0}}],
+        "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "material": 0}}, {{"attributes": {{"POSITION": 0}}, "material": 1}}]}}],
+        "materials": [{{"name": "glow", "emissiveFactor": [1, 1, 1]}}, {{"name": "tv", "emissiveFactor": [1, 1, 1], {screen}}}],
+        "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": 36}}], "buffers": [{{"uri": "a.bin", "byteLength": 36}}]}}"#
+    );
+    let scene = scene::load_bytes("a.gltf", text.as_bytes(), &|_| Some(positions.clone())).unwrap();
+    assert_eq!(scene.light_group_names(), ["bulb", "fill", "glow", "key", "lamp", "screen"]);
+    assert_eq!(scene.light_groups.lights, ["lamp", "key", "fill", "bulb"]);
 }
 
 /// In an animation, motion is that since the frame before; the first frame has none.

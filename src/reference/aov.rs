@@ -12,7 +12,7 @@ use rayon::iter::{IntoParallelIterator as _, ParallelIterator as _};
 use super::sampler::Sampler;
 use super::{Hit, Reference, ReferenceSettings};
 use crate::crop::Crop;
-use crate::scene::Scene;
+use crate::scene::{Geometry, Scene};
 
 /// Distance where nothing is hit.
 pub const FAR: f32 = 1e10;
@@ -62,6 +62,21 @@ struct Pixel {
     materials: BTreeMap<u32, u32>,
 }
 
+/// The scene in the pose of the frame before.
+struct Before<'a> {
+    scene: &'a Scene,
+    /// Positions of the vertices that tessellation makes for this frame in that pose, metres, world space.
+    refined: Vec<Vec3>,
+}
+
+impl<'a> Before<'a> {
+    fn new(reference: &Reference, scene: &'a Scene) -> Self {
+        let refines = reference.geometry().tessellated > 0;
+        let positions = || Geometry::refined_positions_in(reference.scene, scene);
+        Self { scene, refined: if refines { positions() } else { Vec::new() } }
+    }
+}
+
 impl Reference<'_> {
     /// Traces `settings.samples` rays through each pixel, through points of the lens if there is one, and one
     /// through the centre of the pixel and of the lens. `settings.seed` and `settings.bounces` are not used.
@@ -74,15 +89,17 @@ impl Reference<'_> {
     }
 
     /// Returns the same of a part of the image, with the motion since `before`, the same scene in the pose of the
-    /// frame before. The motion of tessellated surfaces is that of the camera alone.
+    /// frame before.
     ///
     /// # Panics
     /// Panics if one of the scenes has no camera of that index.
     #[must_use]
     pub fn aovs_within(&self, settings: &ReferenceSettings, region: Crop, before: Option<&Scene>) -> Aovs {
         let samples = settings.samples;
+        let before = before.map(|before| Before::new(self, before));
         let pixels: Vec<u32> = region.pixels(settings.width).collect();
-        let pixels: Vec<Pixel> = pixels.into_par_iter().map(|pixel| self.aovs_of(settings, pixel, before)).collect();
+        let pixels: Vec<Pixel> =
+            pixels.into_par_iter().map(|pixel| self.aovs_of(settings, pixel, before.as_ref())).collect();
         let mean = |value: &dyn Fn(&Pixel) -> Vec3| -> Vec<[f32; 3]> {
             pixels.iter().map(|pixel| (value(pixel) / samples as f32).to_array()).collect()
         };
@@ -108,7 +125,7 @@ impl Reference<'_> {
     }
 
     /// Traces the rays of one pixel.
-    fn aovs_of(&self, settings: &ReferenceSettings, pixel: u32, before: Option<&Scene>) -> Pixel {
+    fn aovs_of(&self, settings: &ReferenceSettings, pixel: u32, before: Option<&Before>) -> Pixel {
         let corner = Vec2::new((pixel % settings.width) as f32, (pixel / settings.width) as f32);
         let rays = self.rays(settings);
         let mut out = Pixel { depth: FAR, ..Pixel::default() };
@@ -137,7 +154,7 @@ impl Reference<'_> {
             out.depth = hit.t * direction.dot(forward);
         }
         if let Some(before) = before {
-            let camera = &before.cameras[settings.camera];
+            let camera = &before.scene.cameras[settings.camera];
             let place = match &hit {
                 Some(hit) => self.position_in(before, hit),
                 // What is infinitely far away moves with the direction of the view alone.
@@ -156,15 +173,15 @@ impl Reference<'_> {
         self.surfaces.origins.get(vertex as usize).map_or(Aovs::TESSELLATED, |&[instance, _]| instance)
     }
 
-    /// Returns where a hit is in another pose of the scene; of tessellated surfaces, in this one.
-    fn position_in(&self, pose: &Scene, hit: &Hit) -> Vec3 {
-        let geometry = self.geometry();
+    /// Returns where a hit was in the frame before.
+    fn position_in(&self, before: &Before, hit: &Hit) -> Vec3 {
+        let (geometry, pose) = (self.geometry(), before.scene);
         let corner = |vertex: u32| match self.surfaces.origins.get(vertex as usize) {
             Some(&[instance, vertex]) => {
                 let instance = &pose.instances[instance as usize];
                 instance.world_from_local.transform_point3(pose.meshes[instance.mesh].positions[vertex as usize])
             }
-            None => geometry.vertices[vertex as usize].position,
+            None => before.refined[vertex as usize - self.surfaces.origins.len()],
         };
         hit.mix(geometry.triangles[hit.triangle as usize].map(corner))
     }
@@ -172,6 +189,8 @@ impl Reference<'_> {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3A;
+
     use super::*;
     use crate::scene::{FovAxis, Projection, builtin};
 
@@ -215,6 +234,40 @@ mod tests {
         assert_eq!(other.coverage, aovs.coverage, "the seed of the picture does not count");
     }
     /// A triangle and a camera that have moved, and a camera that has turned.
+    /// The new vertices of a frame are where the previous pose has them.
+    #[test]
+    fn tessellated_surfaces_move() {
+        let scene = builtin::load("phong_sphere").unwrap();
+        let shift = Vec3::new(0.02, 0.01, -0.03);
+        let mut before = scene.clone();
+        before.instances.iter_mut().for_each(|instance| instance.world_from_local.translation -= Vec3A::from(shift));
+        let reference = Reference::new(&scene);
+        assert!(reference.geometry().tessellated > 0);
+        let settings = ReferenceSettings { width: 24, height: 24, samples: 4, bounces: None, seed: 1, camera: 0 };
+        let aovs = reference.aovs_within(&settings, Crop::whole(24, 24), Some(&before));
+        let tessellated =
+            |pixel: &usize| aovs.depth[*pixel] < FAR && aovs.objects[*pixel] == [(Aovs::TESSELLATED, 1.0)];
+        let pixels: Vec<usize> = (0..24 * 24).filter(tessellated).collect();
+        assert!(pixels.len() > 50, "{} pixels", pixels.len());
+        for pixel in pixels {
+            let then = Vec3::from(aovs.position[pixel]) - shift;
+            let then = scene.cameras[0].project_beyond(then, 24, 24).unwrap() * 24.0;
+            let now = Vec2::new((pixel % 24) as f32, (pixel / 24) as f32) + 0.5;
+            let motion = Vec2::from(aovs.motion[pixel]);
+            assert!(motion.length() > 0.1, "{pixel}: {motion}");
+            assert!(motion.distance((now - then) * Vec2::new(1.0, -1.0)) < 1e-3, "{pixel}: {motion}");
+        }
+
+        let waves = builtin::load("sea").unwrap();
+        let [now, then] = [0.5, 0.4].map(|seconds| waves.at(0, seconds).unwrap());
+        let reference = Reference::new(&now);
+        let moved = |before: &Scene| {
+            let aovs = reference.aovs_within(&settings, Crop::whole(24, 24), Some(before));
+            aovs.motion.iter().filter(|motion| Vec2::from(**motion).length() > 1e-3).count()
+        };
+        assert!(moved(&then) > 50 && moved(&now) == 0, "{} and {} pixels", moved(&then), moved(&now));
+    }
+
     #[test]
     fn motion_is_in_pixels() {
         let mut scene = builtin::load("single_triangle").unwrap();

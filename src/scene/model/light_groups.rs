@@ -84,29 +84,3 @@ fn retain<T>(all: &mut Vec<T>, keep: &dyn Fn(usize) -> bool) {
     let mut index = 0..;
     all.retain(|_| index.next().is_some_and(keep));
 }
-
-#[cfg(test)]
-mod tests {
-    use glam::Vec3;
-
-    use super::*;
-    use crate::scene;
-
-    #[test]
-    fn groups_share_out_all_lights() {
-        let mut scene = scene::load("builtin:cornell_area").unwrap();
-        let point = |x| Light::Point { position: Vec3::splat(x), intensity: Vec3::ONE };
-        scene.lights = vec![point(0.1), point(0.2), point(0.3)];
-        scene.group_lights(1, Some("fill"));
-        scene.lights.push(point(0.4));
-        let emitter = scene.materials.iter().position(|material| material.emission.is_some()).unwrap();
-        scene.light_groups.materials.insert(emitter, "key".to_owned());
-        assert_eq!(scene.light_group_names(), ["", "fill", "key"]);
-        let fill = scene.lit_by(&|group| group == "fill");
-        assert_eq!(fill.lights, [point(0.2), point(0.3)]);
-        assert_eq!(fill.light_group_names(), ["fill"], "names follow their lights");
-        let key = scene.lit_by(&|group| group == "key");
-        assert!(key.lights.is_empty() && key.materials[emitter].emission.is_some());
-        assert_eq!(scene.lit_by(&str::is_empty).lights, [point(0.1), point(0.4)]);
-    }
-}

@@ -16,6 +16,12 @@ pub struct Sources {
     pub refined: Refined,
 }
 
+/// Returns the indices of the instances that are refined, in order.
+fn refined_instances(scene: &Scene) -> Vec<usize> {
+    let is_refined = |i: &usize| scene.meshes[scene.instances[*i].mesh].refinement().is_some();
+    (0..scene.instances.len()).filter(is_refined).collect()
+}
+
 impl Geometry {
     /// Flattens a scene. Triangles with zero area are dropped, since no ray can hit them.
     #[must_use]
@@ -49,6 +55,17 @@ impl Geometry {
         (geometry, sources)
     }
 
+    /// Returns the positions of a scene's refined vertices, which are the last ones of [`Self::new`], in another pose
+    /// of the scene: each is the same blend of control vertices there, metres, world space.
+    #[must_use]
+    pub fn refined_positions_in(scene: &Scene, pose: &Scene) -> Vec<Vec3> {
+        let (mut geometry, sources) = Self::with_sources(scene);
+        let surfaces = refine::surfaces(pose, &refined_instances(pose));
+        refine::follow(&mut geometry, &sources.refined, pose, &surfaces);
+        let refined = &geometry.vertices[sources.refined.topology.first_vertex as usize..];
+        refined.iter().map(|vertex| vertex.position).collect()
+    }
+
     /// Updates to another pose of the same scene, as [`Self::with_sources`] would flatten it, except for
     /// normals and tangents of refined surfaces, which the GPU computes. The refined topology is reused if it
     /// has not changed; returns true in that case.
@@ -74,9 +91,8 @@ impl Geometry {
 
     /// Adds all instances without refinement; returns the indices of the others.
     fn add_plain(&mut self, scene: &Scene, mut origins: Option<&mut Vec<Origin>>) -> Vec<usize> {
-        let is_refined = |i: &usize| scene.meshes[scene.instances[*i].mesh].refinement().is_some();
-        let (refined, plain): (Vec<_>, Vec<_>) = (0..scene.instances.len()).partition(is_refined);
-        for instance in plain {
+        let refined = refined_instances(scene);
+        for instance in (0..scene.instances.len()).filter(|instance| refined.binary_search(instance).is_err()) {
             self.add(scene, instance, origins.as_deref_mut());
         }
         refined
