@@ -72,6 +72,8 @@ fn ask(gpu: &Gpu, scene: &Scene, settings: &Settings, iterations: u64) -> Asked 
 /// True for what rays replace where surfaces draw directions of their own.
 fn replaced(name: &str, present: &BTreeSet<String>) -> bool {
     let by_rays = [
+        "code bundle_direction",
+        "code bundle_pdf",
         "code nearest_along",
         "code rasterized",
         "memory borders",
