@@ -149,7 +149,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| *f != Flag::SkyGuide)
+        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled].contains(f))
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
@@ -166,6 +166,9 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             set.extend(set.contains(&Flag::Glossy).then_some(Flag::Specular).filter(|_| mirrors));
             let along = [EXTEND, LIST_LENGTHS, "queries"].contains(&pass) && !set.contains(&Flag::Rays);
             set.extend(along.then_some(Flag::Projected));
+            // The order of threads changes nothing else, so that half of the sets have each.
+            let swizzled = pass == EXTEND && set.contains(&Flag::Rays);
+            set.extend(swizzled.then_some(Flag::Swizzled));
             set
         })
         .filter(|set| sensible(pass, set))

@@ -1,4 +1,4 @@
-//! The microfacet distributions GGX (Trowbridge and Reitz 1975; Walter et al. 2007) and Beckmann ([`super::beckmann`])
+//! The microfacet distributions GGX (Trowbridge and Reitz 1975; Walter et al. 2007) and Beckmann (`beckmann.rs`)
 //! in a frame whose z is the shading normal, and Fresnel terms. A lobe may be wider along x than along y.
 
 use std::f32::consts::{PI, TAU};
