@@ -239,10 +239,10 @@ impl fmt::Display for FramePlan {
             "conservative with exact intersection (exact)"
         };
         let Self { bundle_resolution, bundle_slabs, light_resolution, vpl_resolution, .. } = self;
-        let bundles = if self.bundles() > 0 {
-            format!("bundles {bundle_resolution}^2 x {bundle_slabs}, ")
-        } else {
+        let bundles = if self.own_directions {
             String::new()
+        } else {
+            format!("bundles {bundle_resolution}^2 x {bundle_slabs}, ")
         };
         let faces = self.light_faces();
         writeln!(
