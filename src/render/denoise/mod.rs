@@ -359,9 +359,11 @@ impl Denoiser {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
-        let filtered = self.read(gpu, self.pictures.before(self.frame)).await?;
-        let residual = self.residual(gpu).await?;
-        Ok(residual.map_or_else(|| filtered.0.clone(), |residual| residual.combine(&filtered.0)))
+        let (filtered, _) = self.read(gpu, self.pictures.before(self.frame)).await?;
+        Ok(match self.residual(gpu).await? {
+            Some(residual) => residual.combine(&filtered),
+            None => filtered,
+        })
     }
 
     /// Reads what the filter took away from the picture, if the plan keeps it.
