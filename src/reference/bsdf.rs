@@ -48,6 +48,8 @@ pub enum Bsdf {
         diffuse_transmission: (f32, Vec3),
         /// Thin film that tints reflections.
         film: Option<Film>,
+        /// True if rays pass it by what it transmits in every colour.
+        clear: bool,
     },
     /// A rough or smooth conductor.
     Conductor {
@@ -81,6 +83,8 @@ pub enum Bsdf {
         reflection: Vec3,
         /// Factor of the transmittance.
         transmission: Vec3,
+        /// True if rays pass it by what it transmits in every colour.
+        clear: bool,
     },
 }
 
@@ -153,6 +157,7 @@ impl Bsdf {
     pub fn new(material: &Material, prepared: f32, textures: &Textures, surface: &Surface) -> Self {
         let (uvs, vertex_color) = (surface.uvs, surface.vertex_color);
         let sheet = material.boundary == Boundary::Sheet;
+        let clear = surface.is_clear_sheet();
         let beyond = |index: f32| if surface.front { index } else { 1.0 / index };
         match &material.bsdf {
             scene::Bsdf::Diffuse { reflectance } => {
@@ -187,6 +192,7 @@ impl Bsdf {
                         (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
                     }),
                     film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),
+                    clear,
                 }
             }
             scene::Bsdf::Conductor { alpha, fresnel, specular } => Self::Conductor {
@@ -212,6 +218,7 @@ impl Bsdf {
                 sheet,
                 reflection: textures.color(reflection, uvs),
                 transmission: textures.color(transmission, uvs),
+                clear,
             },
         }
     }
@@ -220,7 +227,7 @@ impl Bsdf {
     /// facet at the normal.
     #[must_use]
     pub fn albedo(&self, wo: Vec3) -> Vec3 {
-        let Shares { reflected, passed, diffuse, behind } = self.shares(wo.z);
+        let Shares { reflected, passed, diffuse, behind } = self.all_shares(wo.z);
         reflected + passed + diffuse + behind
     }
 
@@ -404,8 +411,26 @@ impl Bsdf {
         }
     }
 
-    /// Returns the reflectances of a facet at a cosine.
+    /// Returns the share of light that passes a sheet straight on in every colour, at a cosine.
+    #[must_use]
+    pub fn straight(&self, cos: f32) -> f32 {
+        self.all_shares(cos).passed.min_element()
+    }
+
+    /// Returns the reflectances of a facet at a cosine. Those of a clear sheet are what is left for the rays that it
+    /// stops.
     fn shares(&self, cos: f32) -> Shares {
+        let all = self.all_shares(cos);
+        let (Self::MetallicRoughness { clear: true, .. } | Self::Dielectric { clear: true, .. }) = self else {
+            return all;
+        };
+        let passed = all.passed.min_element();
+        let stopped = (1.0 - passed).max(1e-6);
+        Shares { reflected: all.reflected / stopped, passed: (all.passed - passed) / stopped, ..all }
+    }
+
+    /// Returns the reflectances of a facet at a cosine.
+    fn all_shares(&self, cos: f32) -> Shares {
         let opaque = |reflected, diffuse| Shares { reflected, passed: Vec3::ZERO, diffuse, behind: Vec3::ZERO };
         match *self {
             Self::Diffuse { albedo } => opaque(Vec3::ZERO, albedo),
@@ -442,7 +467,7 @@ impl Bsdf {
                 let coat = fresnel_dielectric(cos, eta);
                 opaque(specular * coat, base * (1.0 - coat))
             }
-            Self::Dielectric { alpha, eta, sheet, reflection, transmission } => {
+            Self::Dielectric { alpha, eta, sheet, reflection, transmission, .. } => {
                 let once = fresnel_dielectric(cos, eta);
                 // Sum of the interreflections between a sheet's sides: R + T R T + T R R R T + ... = 2 R / (1
                 // + R).

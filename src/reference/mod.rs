@@ -103,7 +103,7 @@ impl<'s> Reference<'s> {
         let lights = Lights::new(scene, &surfaces.geometry, sky.as_ref());
         let bvh = Bvh::new(&surfaces.geometry, |triangle| {
             let material = surfaces.material(triangle);
-            material.opacity.is_some() || material.sides == Sides::OneCulled
+            material.may_be_passed() || material.sides == Sides::OneCulled
         });
         let emits = |&material: &u32| scene.materials[material as usize].emission.is_some();
         let emitters_can_be_hit = sky.is_some() || surfaces.geometry.materials.iter().any(emits);

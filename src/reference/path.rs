@@ -72,7 +72,7 @@ impl Reference<'_> {
             path.rays += 1;
             let bits = sampler.bits_of_ray(path.rays);
             let start = self.step_off(origin, direction, exclude);
-            let stops = |hit: &Hit| !self.is_culled(hit, direction, vertex) && self.stops(hit, bits);
+            let stops = |hit: &Hit| !self.is_culled(hit, direction, vertex) && self.stops(hit, Some(direction), bits);
             let Some(hit) = self.bvh.closest(start, direction, f32::INFINITY, exclude, stops) else {
                 if let Some(sky) = &self.sky {
                     let weight = pdf_w.map_or(1.0, |pdf| self.sky_mis_weight(sky, vertex, pdf, direction));
@@ -185,17 +185,19 @@ impl Reference<'_> {
             && self.surfaces.normals[hit.triangle as usize].dot(direction) >= 0.0
     }
 
-    /// Returns true if a hit stops a ray, by its opacity and by random bits of the ray. The decision is a
-    /// hash, so that it does not depend on the order in which the hierarchy finds hits.
-    fn stops(&self, hit: &Hit, bits: u32) -> bool {
-        let opacity = self.surfaces.opacity(hit);
+    /// Returns true if a hit stops a ray, by its opacity, by the light that a clear sheet reflects, unless no direction is
+    /// given, and by random bits of the ray. The decision is a hash, so that it does not depend on the order in which the
+    /// hierarchy finds hits.
+    fn stops(&self, hit: &Hit, direction: Option<Vec3>, bits: u32) -> bool {
+        let opacity = direction.map_or_else(|| self.surfaces.opacity(hit), |along| self.surfaces.stopping(hit, along));
         let chance = || hash(bits ^ hash(hit.triangle)) as f32 / u32::MAX as f32;
         opacity > 0.0 && (opacity >= 1.0 || chance() < opacity)
     }
 
-    /// Returns the closest hit of a camera ray, as paths find it: blended surfaces stop a share of the rays.
+    /// Returns the closest hit of a camera ray, as paths find it: blended surfaces stop a share of the rays. Clear sheets
+    /// stop all of them here.
     pub(super) fn seen(&self, origin: Vec3, direction: Vec3, bits: u32) -> Option<Hit> {
-        let stops = |hit: &Hit| !self.is_culled(hit, direction, 0) && self.stops(hit, bits);
+        let stops = |hit: &Hit| !self.is_culled(hit, direction, 0) && self.stops(hit, None, bits);
         self.bvh.closest(origin, direction, f32::INFINITY, NONE, stops)
     }
 
@@ -203,7 +205,7 @@ impl Reference<'_> {
     fn passing(&self, origin: Vec3, direction: Vec3, t_max: f32, exclude: [u32; 2]) -> f32 {
         let passing = Cell::new(1.0);
         let blocks = |hit: &Hit| {
-            passing.set(passing.get() * (1.0 - self.surfaces.opacity(hit)));
+            passing.set(passing.get() * (1.0 - self.surfaces.stopping(hit, direction)));
             passing.get() == 0.0
         };
         if self.bvh.any(origin, direction, t_max, exclude, blocks) { 0.0 } else { passing.get() }

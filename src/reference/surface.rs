@@ -83,6 +83,12 @@ pub struct Surface<'s> {
 }
 
 impl Surface<'_> {
+    /// Returns true if rays pass the surface by what it transmits in every colour.
+    #[must_use]
+    pub fn is_clear_sheet(&self) -> bool {
+        self.whole.is_clear_sheet()
+    }
+
     /// Returns the absorption coefficients on the viewer's side and on the far side, 1/m; `viewer` is that of
     /// the path's current medium.
     #[must_use]
@@ -153,6 +159,19 @@ impl<'s> Surfaces<'s> {
             Opacity::CutOut { cutoff, .. } => f32::from(alpha >= cutoff),
             Opacity::Blended { .. } => alpha.clamp(0.0, 1.0),
         }
+    }
+
+    /// Returns the probability that a triangle stops a ray in a direction: clear sheets let the rest pass straight on.
+    #[must_use]
+    pub fn stopping(&self, hit: &Hit, direction: Vec3) -> f32 {
+        let opacity = self.opacity(hit);
+        let material = self.material(hit.triangle);
+        if opacity == 0.0 || !material.is_clear_sheet() {
+            return opacity;
+        }
+        let surface = self.at(hit, direction, 0);
+        let base = Bsdf::new(material, 0.0, &self.textures, &surface);
+        opacity * (1.0 - base.straight(surface.frame.z.dot(direction.normalize()).abs().min(1.0)))
     }
 
     /// Returns true if a hit counts without chance: blended surfaces do where their opacity is at least 0.5.

@@ -614,6 +614,7 @@ constants! {
         TRANSMITS = 128,
         BLENDED = 256,
         BECKMANN_FACETS = 512,
+        CLEAR_SHEET = 1024,
     }
 
     /// Most light points of an iteration.

@@ -176,6 +176,18 @@ fn transmission_agrees_with_the_reference() {
     agrees("transmitting", &scenes::transmitting(), SIDE, 5);
 }
 
+/// Light passes clear sheets straight on, of a tint the share that is in every colour; the rest is sampled.
+#[test]
+fn clear_sheets_agree_with_the_reference() {
+    for (name, scene) in [
+        ("a pane and a sun", scenes::below_a_pane(true, Vec3::splat(0.8))),
+        ("a tinted pane", scenes::below_a_pane(false, Vec3::new(0.9, 0.7, 0.5))),
+    ] {
+        agrees(name, &scene, SIDE, 3);
+        shared_agrees(name, &scene, 3);
+    }
+}
+
 #[test]
 fn textures_masks_and_parallel_rays_agree_with_the_reference() {
     agrees("textured", &scenes::textured(), SIDE, 2);

@@ -7,7 +7,7 @@ use lightsheaf::scene::{
     SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
-use crate::common::scenes::{add, floor, inverted, parallel, pinhole, quad, room, sphere};
+use crate::common::scenes::{add, emitter, floor, inverted, parallel, pinhole, quad, room, sphere};
 
 pub fn cornell(name: &str) -> Scene {
     builtin::load(&format!("cornell_{name}")).unwrap()
@@ -261,6 +261,25 @@ pub fn transmitting() -> Scene {
     add(&mut scene, sheet, gltf(0.3, 0.0, 0.7, Boundary::Sheet));
     let sheet = quad(Vec3::new(0.2, -0.9, -0.75), Vec3::new(0.7, 0.0, 0.2), Vec3::Y * 1.2);
     add(&mut scene, sheet, glass(0.0, 1.5, Boundary::Sheet));
+    scene
+}
+
+/// Returns a ground with a ball below a pane of thin glass, through which a lamp and, if `sun`, a parallel light shine.
+pub fn below_a_pane(sun: bool, tint: Vec3) -> Scene {
+    let camera = pinhole(Vec3::new(0.0, 0.6, 2.5), Vec3::new(0.0, -0.25, -1.0), 0.9);
+    let mut scene = Scene { cameras: vec![camera], ..Scene::default() };
+    add(&mut scene, floor(2.0, 0.0), Material::diffuse("ground", Vec3::new(0.7, 0.6, 0.5)));
+    add(&mut scene, ball(Vec3::new(0.3, 0.35, 0.2), 0.35, 2, true), Material::diffuse("ball", Vec3::splat(0.8)));
+    let mut pane = gltf(0.0, 0.0, 1.0, Boundary::Sheet);
+    let Bsdf::MetallicRoughness { base_color, .. } = &mut pane.bsdf else { unreachable!() };
+    base_color.factor = tint;
+    add(&mut scene, floor(2.5, 1.0), pane);
+    // The lamp is black, since `path` does not find what the pane reflects of the sun.
+    add(&mut scene, inverted(floor(1.0, 1.8)), emitter(0.0, Vec3::splat(4.0), false));
+    if sun {
+        let direction = Vec3::new(0.5, -1.0, -0.3).normalize();
+        scene.lights = vec![Light::Directional { direction, irradiance: Vec3::splat(3.0) }];
+    }
     scene
 }
 

@@ -78,6 +78,7 @@ fn gltf(alpha: f32, metallic: f32, transmission: f32, bend: f32) -> Bsdf {
         bend,
         diffuse_transmission,
         film: None,
+        clear: false,
     }
 }
 
@@ -90,7 +91,14 @@ fn leaf(alpha: f32) -> Bsdf {
 }
 
 fn glass(alpha: f32, eta: f32) -> Bsdf {
-    Bsdf::Dielectric { alpha, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::new(1.0, 0.9, 0.7) }
+    Bsdf::Dielectric {
+        alpha,
+        eta,
+        sheet: false,
+        reflection: Vec3::ONE,
+        transmission: Vec3::new(1.0, 0.9, 0.7),
+        clear: false,
+    }
 }
 
 /// A transmitting surface with its width and its index of refraction.
@@ -131,6 +139,7 @@ fn passing() -> Vec<[Passing; 2]> {
             sheet: true,
             reflection,
             transmission,
+            clear: false,
         }));
         let beckmann = Shape { stretch: 1.0, distribution: Distribution::Beckmann };
         all.push(both("glass", alpha, 1.5, &|eta| glass(alpha, eta)).map(|passing| Passing {
@@ -397,8 +406,14 @@ fn glass_keeps_light() {
     for (alpha, least) in [(0.0, 1.0), (0.05, 0.93), (0.3, 0.73), (1.0, 0.33)] {
         for eta in [1.5, 1.0 / 1.5] {
             for wo in observers() {
-                let bsdf =
-                    Bsdf::Dielectric { alpha, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::ONE };
+                let bsdf = Bsdf::Dielectric {
+                    alpha,
+                    eta,
+                    sheet: false,
+                    reflection: Vec3::ONE,
+                    transmission: Vec3::ONE,
+                    clear: false,
+                };
                 let kept = furnace(&bsdf.into(), wo, [EVEN; 2], eta)[0][0];
                 assert!(kept > least - 1e-5 && kept < 1.0 + 1e-5, "alpha {alpha}, eta {eta}, wo {wo}: {kept}");
             }
@@ -411,7 +426,14 @@ fn glass_keeps_light() {
 #[test]
 fn smooth_glass_follows_snell_and_fresnel() {
     for eta in [1.5_f32, 1.0 / 1.5] {
-        let bsdf = Bsdf::Dielectric { alpha: 0.0, eta, sheet: false, reflection: Vec3::ONE, transmission: Vec3::ONE };
+        let bsdf = Bsdf::Dielectric {
+            alpha: 0.0,
+            eta,
+            sheet: false,
+            reflection: Vec3::ONE,
+            transmission: Vec3::ONE,
+            clear: false,
+        };
         let mut total = 0;
         for i in 0..90 {
             let theta = (i as f32 + 0.5).to_radians();
@@ -443,8 +465,14 @@ fn smooth_glass_follows_snell_and_fresnel() {
 /// a straight line.
 #[test]
 fn a_sheet_sums_its_inner_reflections() {
-    let bsdf =
-        Bsdf::Dielectric { alpha: 0.0, eta: 1.5, sheet: true, reflection: Vec3::ONE, transmission: Vec3::splat(0.8) };
+    let bsdf = Bsdf::Dielectric {
+        alpha: 0.0,
+        eta: 1.5,
+        sheet: true,
+        reflection: Vec3::ONE,
+        transmission: Vec3::splat(0.8),
+        clear: false,
+    };
     for wo in observers() {
         let once = f64::from(microfacet::fresnel_dielectric(wo.z, 1.5));
         let summed = once + (0..60).map(|i| (1.0 - once).powi(2) * once.powi(2 * i + 1)).sum::<f64>();

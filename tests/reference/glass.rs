@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Mat3, Vec3};
 use lightsheaf::reference::bsdf;
 use lightsheaf::scene::{
-    Boundary, Bsdf, Environment, EnvironmentMap, Fresnel, Lens, Light, Material, Mesh, Rows, Scene, Sides,
+    Boundary, Bsdf, Coat, Environment, EnvironmentMap, Fresnel, Lens, Light, Material, Mesh, Rows, Scene, Sides,
 };
 
 use super::scenes::*;
@@ -154,6 +154,7 @@ fn a_light_behind_a_rough_sheet_shines_through() {
         bend: 1.0,
         diffuse_transmission: (0.0, Vec3::ZERO),
         film: None,
+        clear: false,
     };
     let expected = model.evaluate(Vec3::Z, toward_light).0 * 5.0;
     assert!(expected.min_element() > 0.1);
@@ -168,6 +169,56 @@ fn a_light_behind_a_rough_sheet_shines_through() {
         scene.lights = vec![Light::Directional { direction, irradiance: Vec3::splat(5.0) }];
         let found = mean(&render(&scene, 2, 4, Some(0)));
         (0..3).for_each(|c| close(found[c], f64::from(expected[c]), 1e-3));
+    }
+}
+
+/// A light without extent behind a clear sheet is seen straight through it, which no sample of the sheet's BSDF finds: the
+/// ground gets what neither side of a sheet of glass, or the surface of glTF's, reflects.
+#[test]
+fn a_light_behind_a_clear_sheet_shines_straight_on() {
+    let (albedo, irradiance) = (0.5, 3.0);
+    for cosine in [1.0_f32, 0.6, 0.2] {
+        // Fresnel's equations for an index of 1.5, of one side.
+        let beyond = (1.0 - (1.0 - cosine * cosine) / 2.25).sqrt();
+        let [across, within] =
+            [(cosine, 1.5 * beyond), (1.5 * cosine, beyond)].map(|(a, b)| ((a - b) / (a + b)).powi(2));
+        let once = 0.5 * (across + within);
+        let schlick = 0.04 + 0.96 * (1.0 - cosine).powi(5);
+        for (sheet, passed) in [
+            (glass(0.0, 1.5, Boundary::Sheet), (1.0 - once) / (1.0 + once)),
+            (gltf(0.0, Vec3::splat(0.8), Boundary::Sheet), 0.8 * (1.0 - schlick)),
+        ] {
+            let mut scene = scene(parallel(Vec3::Y * 0.5, Vec3::NEG_Y, 0.1));
+            add(&mut scene, floor(1.0, 0.0), Material::diffuse("ground", Vec3::splat(albedo)));
+            add(&mut scene, floor(20.0, 1.0), sheet);
+            let direction = Vec3::new((1.0 - cosine * cosine).sqrt(), -cosine, 0.0);
+            scene.lights = vec![Light::Directional { direction, irradiance: Vec3::splat(irradiance) }];
+            let expected = albedo / std::f32::consts::PI * irradiance * cosine * passed;
+            close(mean(&render(&scene, 2, 16, Some(0)))[0] / f64::from(expected), 1.0, 1e-4);
+        }
+    }
+}
+
+/// Canary: a clear sheet is the sheet whose BSDF is sampled, in every colour. A coat of no weight makes the other one.
+#[test]
+fn rays_pass_a_clear_sheet_as_its_bsdf_does() {
+    for mut sheet in [glass(0.0, 1.5, Boundary::Sheet), gltf(0.0, Vec3::new(0.9, 0.8, 0.6), Boundary::Sheet)] {
+        if let Bsdf::Dielectric { transmission, .. } = &mut sheet.bsdf {
+            transmission.factor = Vec3::new(0.7, 1.0, 0.9);
+        }
+        assert!(sheet.is_clear_sheet());
+        let none = Coat { weight: 0.0.into(), roughness: 0.0.into(), normal_map: None };
+        let sampled = Material { coat: Some(none), ..sheet.clone() };
+        assert!(!sampled.is_clear_sheet());
+        let found = [sheet, sampled].map(|sheet| {
+            let mut scene = scene(pinhole(Vec3::new(0.0, 0.5, 2.0), Vec3::new(0.0, -0.2, -1.0), 1.0));
+            add(&mut scene, floor(2.0, 0.0), Material::diffuse("ground", Vec3::splat(0.6)));
+            add(&mut scene, floor(3.0, 1.0), sheet);
+            add(&mut scene, inverted(floor(3.0, 1.5)), emitter(0.5, Vec3::ONE, true));
+            // Rays that pass are no bounces.
+            mean(&render(&scene, 32, 512, None))
+        });
+        (0..3).for_each(|c| close(found[0][c] / found[1][c], 1.0, 4e-3));
     }
 }
 

@@ -5,6 +5,7 @@ use glam::Vec3;
 
 use crate::gpu::{Flag, Gpu, GpuError};
 use crate::render::layouts;
+use crate::render::layouts::material_flags::CLEAR_SHEET;
 use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::records;
 use crate::render::upload::sheen;
@@ -75,6 +76,8 @@ impl GpuScene {
             .into_iter()
             .map(|(material, parts)| records(material, parts, scene, &mut atlas))
             .unzip();
+        // What a ray passes is decided by the whole, before its parts are.
+        materials.iter_mut().skip(scene.materials.len()).for_each(|part| part.flags &= !CLEAR_SHEET);
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }

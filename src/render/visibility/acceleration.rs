@@ -25,7 +25,7 @@ impl Acceleration {
         let indices = gpu.upload_for_building("indices", &triangles, wgpu::BufferUsages::empty());
         let has_holes = |triangle: u32| {
             let material = geometry.materials.get(triangle as usize);
-            material.is_some_and(|&m| scene.materials[m as usize].opacity.is_some())
+            material.is_some_and(|&m| scene.materials[m as usize].may_be_passed())
         };
         let runs = runs(triangles.len() as u32, has_holes);
         let first_triangles: Vec<u32> = runs.iter().map(|run| run.0).collect();

@@ -57,7 +57,7 @@ impl Bvh {
         }
 
         let confirmed: Vec<bool> =
-            scene.materials.iter().map(|m| m.opacity.is_some() || m.sides == Sides::OneCulled).collect();
+            scene.materials.iter().map(|m| m.may_be_passed() || m.sides == Sides::OneCulled).collect();
         let mut triangles: Vec<Triangle> = primitive_indices
             .iter()
             .map(|&index| {

@@ -469,6 +469,37 @@ impl Material {
         self.any(&|m| m.bsdf.transmits() || m.diffuse_transmission.is_some())
     }
 
+    /// Returns true if the material is a clear sheet: thin, perfectly smooth glass of one colour. Light either passes it
+    /// straight on or is mirrored, so that a ray may pass it as it passes a blended surface, with the probability of the
+    /// share that passes in every colour. Lights behind a window pane are found that way, which sampling its BSDF finds
+    /// by chance only.
+    #[must_use]
+    pub fn is_clear_sheet(&self) -> bool {
+        let smooth = match &self.bsdf {
+            Bsdf::MetallicRoughness {
+                base_color, metallic, roughness, specular, specular_color, transmission, ..
+            } => {
+                let plain = [specular, transmission].iter().all(|scalar| scalar.texture.is_none());
+                let of_one_color = [base_color, specular_color].iter().all(|color| color.texture.is_none());
+                let passes = transmission.factor == 1.0 && metallic.factor == 0.0;
+                plain && of_one_color && passes && roughness.factor.powi(2) < SMOOTH
+            }
+            Bsdf::Dielectric { alpha, reflection, transmission, .. } => {
+                alpha.factor < SMOOTH && [reflection, transmission].iter().all(|color| color.texture.is_none())
+            }
+            _ => false,
+        };
+        let bare = self.film.is_none() && self.sheen.is_none() && self.coat.is_none() && self.mix.is_none();
+        let bare = bare && self.diffuse_transmission.is_none() && self.anisotropy.is_none();
+        smooth && bare && self.boundary == Boundary::Sheet && self.emission.is_none() && self.normal_map.is_none()
+    }
+
+    /// Returns true if rays may pass the surface, whatever animations make of its factors.
+    #[must_use]
+    pub fn may_be_passed(&self) -> bool {
+        self.opacity.is_some() || (self.boundary == Boundary::Sheet && self.transmits())
+    }
+
     /// Returns true if the surface does more than reflect diffusely.
     #[must_use]
     pub fn is_glossy(&self) -> bool {

@@ -62,7 +62,7 @@ pub struct SceneStats {
     /// True if a metal's lobe is narrower than the widest one that the denoiser filters in full
     /// (shaders/denoise/filter.wesl).
     pub narrow_metals: bool,
-    /// Triangles that rays may pass: with an alpha test, or blended.
+    /// Triangles that rays may pass: with an alpha test, blended, or thin sheets.
     pub masked_triangles: usize,
     /// Those of them that are blended.
     pub blended_triangles: usize,
@@ -144,7 +144,7 @@ impl SceneStats {
             beckmann: count(&|m| m.any(&|m| m.distribution == Distribution::Beckmann)) > 0,
             mixes: count(&|m| m.mix.is_some()) > 0,
             narrow_metals: count(&|m| m.any(&is_narrow_metal)) > 0,
-            masked_triangles: count(&|m| m.opacity.is_some()),
+            masked_triangles: count(&Material::may_be_passed),
             blended_triangles: count(&|m| m.opacity.is_some_and(|opacity| opacity.is_blended())),
             texels: if scene.textures.is_empty() {
                 0
