@@ -64,7 +64,7 @@ pub struct SceneStats {
     pub narrow_metals: bool,
     /// Triangles that rays may pass: with an alpha test, blended, or thin sheets.
     pub masked_triangles: usize,
-    /// Those of them that are blended.
+    /// Those of them that rays pass by chance: blended, or clear sheets.
     pub blended_triangles: usize,
     /// Texels of the images that materials use.
     pub texels: u64,
@@ -145,7 +145,7 @@ impl SceneStats {
             mixes: count(&|m| m.mix.is_some()) > 0,
             narrow_metals: count(&|m| m.any(&is_narrow_metal)) > 0,
             masked_triangles: count(&Material::may_be_passed),
-            blended_triangles: count(&|m| m.opacity.is_some_and(|opacity| opacity.is_blended())),
+            blended_triangles: count(&|m| m.is_clear_sheet() || m.opacity.is_some_and(|opacity| opacity.is_blended())),
             texels: if scene.textures.is_empty() {
                 0
             } else {
