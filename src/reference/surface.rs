@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::bsdf::{self, Bsdf};
+use super::bsdf::{Bsdf, Prepared};
 use super::bvh::Hit;
 use super::layers::{Coat, Layered};
 use super::microfacet::Shape;
@@ -113,7 +113,7 @@ pub struct Surfaces<'s> {
     materials: &'s [Material],
     /// The materials and the parts of those that are mixes, each with the places of its own parts.
     parts: Vec<(&'s Material, Option<[usize; 2]>)>,
-    prepared: Vec<f32>,
+    prepared: Vec<Prepared>,
 }
 
 impl<'s> Surfaces<'s> {
@@ -129,7 +129,7 @@ impl<'s> Surfaces<'s> {
         Self {
             origins: origins.iter().map(|origin| [origin.instance, origin.vertex]).collect(),
             normals: (0..geometry.triangles.len()).map(normal).collect(),
-            prepared: parts.iter().map(|(m, _)| bsdf::prepare(&m.bsdf)).collect(),
+            prepared: parts.iter().map(|(m, _)| Prepared::new(m)).collect(),
             parts,
             textures: Textures::new(scene),
             materials: &scene.materials,
@@ -251,10 +251,10 @@ impl<'s> Surfaces<'s> {
     /// Returns the BSDF of a surface with the layers on top of it; none for the black back of a one-sided
     /// material.
     #[must_use]
-    pub fn bsdf(&self, surface: &Surface) -> Option<Layered> {
+    pub fn bsdf(&self, surface: &Surface) -> Option<Layered<'_>> {
         let (index, material) = surface.material;
         let counts = surface.front || material.sides == Sides::Two || material.transmits();
-        let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
+        let base = || Bsdf::new(material, &self.prepared[index], &self.textures, surface);
         let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
         counts.then(base).map(|base| Layered {
             shape: Shape {
