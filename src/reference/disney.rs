@@ -67,5 +67,5 @@ fn subsurface([cos_o, cos_i]: [f32; 2], cos_d: f32, roughness: f32) -> f32 {
 
 /// Returns nearly the integral of (1 - cos_d)^5 cos_i over the directions of light.
 fn sheen_albedo(cos: f32) -> f32 {
-    3e-4 + 0.09 * (1.0 - cos).powi(3)
+    3e-4 + 0.09 * (1.0 - cos).powf(2.6)
 }
