@@ -10,9 +10,9 @@ macro_rules! flags {
             /// All flags.
             pub const ALL: &[Self] = &[$(Self::$flag,)*];
 
-            /// Flags of layers on top of materials, of stretched lobes and of diffuse transmission.
-            pub const LAYERS: [Self; 5] =
-                [Self::DiffuseTransmission, Self::Film, Self::Anisotropy, Self::Sheen, Self::Coat];
+            /// Flags of layers on top of materials, of stretched lobes and of what changes diffuse bases.
+            pub const LAYERS: [Self; 6] =
+                [Self::DiffuseTransmission, Self::Film, Self::Anisotropy, Self::Disney, Self::Sheen, Self::Coat];
 
             /// Returns the name in shaders.
             #[must_use]
@@ -42,10 +42,14 @@ flags! {
     Film = "FILM",
     /// Lobes are wider along a tangent than across it. Needs TEXTURES, with which vertices have tangents.
     Anisotropy = "ANISOTROPY",
+    /// Diffuse bases have Disney's sheen or flatness.
+    Disney = "DISNEY",
     /// Surfaces have a sheen.
     Sheen = "SHEEN",
     /// Surfaces have coats.
     Coat = "COAT",
+    /// Diffuse bases lie under rough coats.
+    RoughPlastic = "ROUGH_PLASTIC",
     /// Facets have Beckmann's distribution.
     Beckmann = "BECKMANN",
     /// Surfaces are mixes of materials.

@@ -10,11 +10,13 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
+use super::disney::Disney;
 use super::environment::LUMINANCE;
 use super::film::Film;
 use super::microfacet::{
     self as ggx, Shape, Width, fresnel_conductor, fresnel_dielectric, internal_diffuse_reflectance, schlick_weight,
 };
+use super::rough_coat::RoughCoat;
 use super::sampler::concentric_disk;
 use super::surface::Surface;
 use super::texture::Textures;
@@ -22,7 +24,7 @@ use crate::scene::{self, Boundary, Fresnel, Material, SMOOTH};
 
 /// A BSDF after texture look-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bsdf {
+pub enum Bsdf<'s> {
     /// Lambertian reflection.
     Diffuse {
         /// Reflectance.
@@ -50,6 +52,8 @@ pub enum Bsdf {
         film: Option<Film>,
         /// True if rays pass it by what it transmits in every colour.
         clear: bool,
+        /// Sheen and flatness of the diffuse base.
+        disney: Option<Disney>,
     },
     /// A rough or smooth conductor.
     Conductor {
@@ -70,6 +74,8 @@ pub enum Bsdf {
         specular: Vec3,
         /// Index of refraction of the coat.
         eta: f32,
+        /// What a rough coat lets pass; none for a smooth one.
+        rough: Option<&'s RoughCoat>,
     },
     /// A rough or smooth dielectric.
     Dielectric {
@@ -140,21 +146,31 @@ fn share(first: Vec3, second: Vec3) -> f32 {
     }
 }
 
-/// Computes the integral over angles that a BSDF needs once per material: the coat's internal diffuse
-/// reflectance.
-#[must_use]
-pub fn prepare(bsdf: &scene::Bsdf) -> f32 {
-    match bsdf {
-        scene::Bsdf::Plastic { eta, .. } => internal_diffuse_reflectance(*eta),
-        _ => 0.0,
+/// Integrals over angles that a BSDF needs once per material.
+pub struct Prepared {
+    /// Internal diffuse reflectance of a smooth coat.
+    inner: f32,
+    rough: Option<RoughCoat>,
+}
+
+impl Prepared {
+    /// Computes the integrals.
+    #[must_use]
+    pub fn new(material: &Material) -> Self {
+        let inner = match &material.bsdf {
+            scene::Bsdf::Plastic { eta, .. } => internal_diffuse_reflectance(*eta),
+            _ => 0.0,
+        };
+        let rough = material.bsdf.rough_coat();
+        Self { inner, rough: rough.map(|(eta, alpha)| RoughCoat::new(eta, material.distribution, &alpha)) }
     }
 }
 
-impl Bsdf {
-    /// Evaluates a material's textures at a surface. `prepared` is the result of [`prepare`]. The vertex
-    /// colour multiplies the diffuse colour, and in glTF's model also the metal's.
+impl<'s> Bsdf<'s> {
+    /// Evaluates a material's textures at a surface. The vertex colour multiplies the diffuse colour, and in glTF's model
+    /// also the metal's.
     #[must_use]
-    pub fn new(material: &Material, prepared: f32, textures: &Textures, surface: &Surface) -> Self {
+    pub fn new(material: &Material, prepared: &'s Prepared, textures: &Textures, surface: &Surface) -> Self {
         let (uvs, vertex_color) = (surface.uvs, surface.vertex_color);
         let sheet = material.boundary == Boundary::Sheet;
         let clear = surface.is_clear_sheet();
@@ -174,13 +190,25 @@ impl Bsdf {
             } => {
                 let weight = textures.scalar(specular, uvs);
                 let head_on = ((ior - 1.0) / (ior + 1.0)).powi(2);
+                let base = textures.color(base_color, uvs) * vertex_color;
+                let metallic = textures.scalar(metallic, uvs).clamp(0.0, 1.0);
+                let transmission = textures.scalar(transmission, uvs).clamp(0.0, 1.0);
+                let passing = material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
+                    (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
+                });
+                let disney = material.disney.as_ref().map(|disney| {
+                    let reflecting = (1.0 - metallic) * (1.0 - passing.0);
+                    let kept = reflecting * (1.0 - transmission);
+                    let shares = [kept, if sheet { kept } else { reflecting }];
+                    Disney::new(disney, textures, surface, base, shares)
+                });
                 Self::MetallicRoughness {
-                    base: textures.color(base_color, uvs) * vertex_color,
-                    metallic: textures.scalar(metallic, uvs).clamp(0.0, 1.0),
+                    base,
+                    metallic,
                     alpha: textures.scalar(roughness, uvs).powi(2),
                     f0: (head_on * textures.color(specular_color, uvs)).min(Vec3::ONE) * weight,
                     f90: weight,
-                    transmission: textures.scalar(transmission, uvs).clamp(0.0, 1.0),
+                    transmission,
                     // An opaque surface has no interior. glTF's indices below 1 request full reflection.
                     // One whose base passes light has none that bends light, either.
                     bend: if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
@@ -188,11 +216,10 @@ impl Bsdf {
                     } else {
                         beyond(ior.max(1.0))
                     },
-                    diffuse_transmission: material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
-                        (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
-                    }),
+                    diffuse_transmission: passing,
                     film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),
                     clear,
+                    disney,
                 }
             }
             scene::Bsdf::Conductor { alpha, fresnel, specular } => Self::Conductor {
@@ -202,12 +229,16 @@ impl Bsdf {
             },
             scene::Bsdf::Plastic { alpha, diffuse, specular, eta, nonlinear } => {
                 let diffuse = textures.color(diffuse, uvs) * vertex_color;
-                let inner = if *nonlinear { diffuse * prepared } else { Vec3::splat(prepared) };
+                let alpha = textures.scalar(alpha, uvs);
+                let rough = prepared.rough.as_ref();
+                let inner = rough.map_or(prepared.inner, |coat| coat.inner(alpha));
+                let inner = if *nonlinear { diffuse * inner } else { Vec3::splat(inner) };
                 Self::Plastic {
-                    alpha: textures.scalar(alpha, uvs),
+                    alpha,
                     base: diffuse / (eta * eta * (1.0 - inner)),
                     specular: textures.color(specular, uvs),
                     eta: *eta,
+                    rough,
                 }
             }
             scene::Bsdf::Dielectric { alpha, eta, reflection, transmission } => Self::Dielectric {
@@ -227,7 +258,7 @@ impl Bsdf {
     /// facet at the normal.
     #[must_use]
     pub fn albedo(&self, wo: Vec3) -> Vec3 {
-        let Shares { reflected, passed, diffuse, behind } = self.all_shares(wo.z);
+        let Shares { reflected, passed, diffuse, behind } = self.expected(self.all_shares(wo.z), wo.z);
         reflected + passed + diffuse + behind
     }
 
@@ -246,7 +277,7 @@ impl Bsdf {
     /// Returns true if all lobes are specular, so that next-event estimation cannot contribute.
     #[must_use]
     pub fn smooth(&self, wo: Vec3) -> bool {
-        self.alpha().is_some_and(|alpha| alpha < SMOOTH) && self.shares(wo.z).of_facets() == 1.0
+        self.alpha().is_some_and(|alpha| alpha < SMOOTH) && self.expected(self.shares(wo.z), wo.z).of_facets() == 1.0
     }
 
     /// Returns f |cos_i| and the density per solid angle for a pair of directions, without specular lobes.
@@ -266,7 +297,7 @@ impl Bsdf {
             let Self::Diffuse { albedo } = self else { return (Vec3::ZERO, 0.0) };
             return (*albedo * cosine_pdf_w, cosine_pdf_w);
         };
-        let head_on = self.shares(wo.z);
+        let head_on = self.expected(self.shares(wo.z), wo.z);
         let (p, behind) = (head_on.of_facets(), head_on.of_behind());
         if wi.z < 0.0 {
             let (value, pdf_w) = self.evaluate_passing(wo, wi, Width { alpha, shape });
@@ -278,8 +309,9 @@ impl Bsdf {
         let h = (wo + wi).normalize();
         let shares = self.shares(h.dot(wo).max(0.0));
         let diffuse = match *self {
-            Self::Plastic { base, eta, .. } => {
-                base * ((1.0 - fresnel_dielectric(wo.z, eta)) * (1.0 - fresnel_dielectric(wi.z, eta)))
+            Self::Plastic { base, .. } => base * (self.coat_transmittance(wo.z) * self.coat_transmittance(wi.z)),
+            Self::MetallicRoughness { disney: Some(disney), .. } => {
+                disney.albedo_of_pair(shares.diffuse, [wo.z, wi.z], h.dot(wo).max(0.0), alpha)
             }
             _ => shares.diffuse,
         };
@@ -341,7 +373,7 @@ impl Bsdf {
             (pdf_w > 0.0).then(|| Sample { wi, weight: value / pdf_w, pdf_w: Some(pdf_w), eta })
         };
         let Some(alpha) = self.alpha() else { return rough(cosine_hemisphere(u), 1.0) };
-        let head_on = self.shares(wo.z);
+        let head_on = self.expected(self.shares(wo.z), wo.z);
         let p = head_on.of_facets();
         // One random number chooses the lobe and, rescaled, samples it.
         if u.x >= p {
@@ -411,6 +443,25 @@ impl Bsdf {
         }
     }
 
+    /// Returns the share of light at a cosine that a plastic's coat lets in.
+    fn coat_transmittance(&self, cos: f32) -> f32 {
+        match *self {
+            Self::Plastic { alpha, rough: Some(coat), .. } => coat.transmittance(alpha, cos),
+            Self::Plastic { eta, .. } => 1.0 - fresnel_dielectric(cos, eta),
+            _ => 1.0,
+        }
+    }
+
+    /// Returns what is expected of all pairs of directions of which one has a cosine, from a facet at the normal.
+    fn expected(&self, shares: Shares, cos: f32) -> Shares {
+        match *self {
+            Self::MetallicRoughness { disney: Some(disney), alpha, .. } => {
+                Shares { diffuse: disney.albedo(shares.diffuse, cos, alpha), ..shares }
+            }
+            _ => shares,
+        }
+    }
+
     /// Returns the share of light that passes a sheet straight on in every colour, at a cosine.
     #[must_use]
     pub fn straight(&self, cos: f32) -> f32 {
@@ -464,8 +515,7 @@ impl Bsdf {
                 opaque(specular * reflectance, Vec3::ZERO)
             }
             Self::Plastic { base, specular, eta, .. } => {
-                let coat = fresnel_dielectric(cos, eta);
-                opaque(specular * coat, base * (1.0 - coat))
+                opaque(specular * fresnel_dielectric(cos, eta), base * self.coat_transmittance(cos))
             }
             Self::Dielectric { alpha, eta, sheet, reflection, transmission, .. } => {
                 let once = fresnel_dielectric(cos, eta);

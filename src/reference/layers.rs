@@ -77,9 +77,9 @@ impl Coat {
 
 /// A BSDF under layers.
 #[derive(Clone, Copy, Debug)]
-pub struct Layered {
+pub struct Layered<'s> {
     /// What lies below.
-    pub base: Bsdf,
+    pub base: Bsdf<'s>,
     /// Facets of the base's lobe.
     pub shape: Shape,
     /// The sheen, if there is one.
@@ -88,8 +88,8 @@ pub struct Layered {
     pub coat: Option<Coat>,
 }
 
-impl From<Bsdf> for Layered {
-    fn from(base: Bsdf) -> Self {
+impl<'s> From<Bsdf<'s>> for Layered<'s> {
+    fn from(base: Bsdf<'s>) -> Self {
         Self { base, shape: Shape::ROUND, sheen: None, coat: None }
     }
 }
@@ -100,7 +100,7 @@ struct Choice {
     sheen: f32,
 }
 
-impl Layered {
+impl Layered<'_> {
     /// Returns the directional albedo along `wo`, as [`Bsdf::albedo`].
     #[must_use]
     pub fn albedo(&self, wo: Vec3) -> Vec3 {

@@ -37,7 +37,7 @@ pub struct Path {
 struct Vertex<'v> {
     surface: &'v Surface<'v>,
     hit: &'v Hit,
-    bsdf: &'v Layered,
+    bsdf: &'v Layered<'v>,
     wo: Vec3,
     /// Absorption coefficients on the viewer's side and on the far side, 1/m.
     media: [Vec3; 2],

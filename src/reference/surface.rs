@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::bsdf::{self, Bsdf};
+use super::bsdf::{Bsdf, Prepared};
 use super::bvh::Hit;
 use super::layers::{Coat, Layered};
 use super::microfacet::Shape;
@@ -119,7 +119,7 @@ pub struct Surfaces<'s> {
     materials: &'s [Material],
     /// The materials and the parts of those that are mixes, each with the places of its own parts.
     parts: Vec<(&'s Material, Option<[usize; 2]>)>,
-    prepared: Vec<f32>,
+    prepared: Vec<Prepared>,
 }
 
 impl<'s> Surfaces<'s> {
@@ -135,7 +135,7 @@ impl<'s> Surfaces<'s> {
         Self {
             origins: origins.iter().map(|origin| [origin.instance, origin.vertex]).collect(),
             normals: (0..geometry.triangles.len()).map(normal).collect(),
-            prepared: parts.iter().map(|(m, _)| bsdf::prepare(&m.bsdf)).collect(),
+            prepared: parts.iter().map(|(m, _)| Prepared::new(m)).collect(),
             parts,
             textures: Textures::new(scene),
             materials: &scene.materials,
@@ -165,12 +165,13 @@ impl<'s> Surfaces<'s> {
     #[must_use]
     pub fn stopping(&self, hit: &Hit, direction: Vec3) -> f32 {
         let opacity = self.opacity(hit);
-        let material = self.material(hit.triangle);
+        let index = self.geometry.materials[hit.triangle as usize] as usize;
+        let material = &self.materials[index];
         if opacity == 0.0 || !material.is_clear_sheet() {
             return opacity;
         }
         let surface = self.at(hit, direction, 0);
-        let base = Bsdf::new(material, 0.0, &self.textures, &surface);
+        let base = Bsdf::new(material, &self.prepared[index], &self.textures, &surface);
         opacity * (1.0 - base.straight(surface.frame.z.dot(direction.normalize()).abs().min(1.0)))
     }
 
@@ -270,10 +271,10 @@ impl<'s> Surfaces<'s> {
     /// Returns the BSDF of a surface with the layers on top of it; none for the black back of a one-sided
     /// material.
     #[must_use]
-    pub fn bsdf(&self, surface: &Surface) -> Option<Layered> {
+    pub fn bsdf(&self, surface: &Surface) -> Option<Layered<'_>> {
         let (index, material) = surface.material;
         let counts = surface.front || material.sides == Sides::Two || material.transmits();
-        let base = || Bsdf::new(material, self.prepared[index], &self.textures, surface);
+        let base = || Bsdf::new(material, &self.prepared[index], &self.textures, surface);
         let base = || if surface.anisotropy > 0.0 { base().roughened() } else { base() };
         counts.then(base).map(|base| Layered {
             shape: Shape {

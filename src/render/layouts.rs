@@ -208,7 +208,7 @@ layouts! {
         patterns: u32,
         sky_shares: u32,
         light_nodes: u32,
-        pad0: u32,
+        rough_coats: u32,
     }
 
     /// Layers on top of a material.
@@ -224,9 +224,9 @@ layouts! {
         diffuse_transmission_color: [f32; 3],
         diffuse_transmission: f32,
         anisotropy: f32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
+        disney_sheen: f32,
+        disney_sheen_tint: f32,
+        flatness: f32,
     }
 
     /// One use of a texture by a material.
@@ -539,6 +539,7 @@ impl LightVertex {
             + bytes(Flag::DiffuseTransmission, 16)
             + bytes(Flag::Film, 16)
             + bytes(Flag::Anisotropy, 16)
+            + bytes(Flag::Disney, 16)
             + bytes(Flag::Sheen, 16)
             + bytes(Flag::Coat, 32)
     }
@@ -656,6 +657,13 @@ constants! {
     /// Cells along a side of the table of a sheen's albedo.
     mod sheen_size in "lib/surface/sheen" {
         SHEEN_SIDE = 32,
+    }
+
+    /// Sizes of the table of rough coats.
+    mod coat_size in "lib/surface/rough_coat" {
+        COAT_COLUMNS = 64,
+        COAT_STRIDE = 68,
+        COAT_ROWS = 16,
     }
 
     /// An index that refers to nothing.

@@ -13,8 +13,10 @@ pub(super) fn surface_flags(stats: &SceneStats) -> Vec<Flag> {
         (Flag::Masks, stats.masked_triangles > 0),
         (Flag::Film, stats.films),
         (Flag::Anisotropy, stats.anisotropic),
+        (Flag::Disney, stats.disney),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),
+        (Flag::RoughPlastic, stats.rough_plastic),
         (Flag::Beckmann, stats.beckmann),
         (Flag::Mixes, stats.mixes),
     ])

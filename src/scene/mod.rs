@@ -23,8 +23,8 @@ pub use model::geometry::Geometry;
 pub use model::height::{Height, HeightMap, Wave};
 pub use model::light::{Cone, Lamp, Light, SpotFalloff, angle_of_versine, versine};
 pub use model::material::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Fresnel, Material, Mix,
-    NormalMap, Opacity, SMOOTH, Scalar, Sheen, Sides,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Disney, Distribution, Emission, Film, Fresnel,
+    Material, Mix, NormalMap, Opacity, SMOOTH, Scalar, Sheen, Sides,
 };
 pub use model::mesh::{Instance, Mesh};
 pub use model::pattern::{Mapping, Pattern};

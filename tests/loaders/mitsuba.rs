@@ -12,8 +12,8 @@ use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
 use lightsheaf::scene::{
-    self, Anisotropy, Boundary, Bsdf, Distribution, Environment, Filter, FovAxis, Fresnel, Geometry, Lens, Light,
-    Opacity, Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
+    self, Anisotropy, Boundary, Bsdf, Disney, Distribution, Environment, Filter, FovAxis, Fresnel, Geometry, Lens,
+    Light, Opacity, Projection, Rows, Scene, Sides, SpotFalloff, Wrap,
 };
 
 /// Creates an empty folder for a test's files.
@@ -448,7 +448,8 @@ fn principled_becomes_the_model_of_gltf() {
     let scene_with = |body: &str| scene(&format!("<shape type=\"sphere\">{body}</shape>"));
     let car = scene_with(
         r#"<bsdf type="principled"><rgb name="base_color" value="0.2, 0.4, 0.2"/><float name="spec_tint" value="1"/>
-        <float name="spec_trans" value="0.3"/><float name="eta" value="1.4"/><float name="sheen" value="0.5"/>
+        <float name="spec_trans" value="0.3"/><float name="eta" value="1.4"/>
+        <float name="sheen" value="0.5"/><float name="sheen_tint" value="0.25"/><float name="flatness" value="0.7"/>
         <float name="clearcoat" value="0.8"/><float name="clearcoat_gloss" value="1"/></bsdf>"#,
     );
     let paint = &car.materials[0];
@@ -460,7 +461,12 @@ fn principled_becomes_the_model_of_gltf() {
     let coat = paint.coat.unwrap();
     assert!((coat.weight.factor - 0.2).abs() < 1e-6 && (coat.roughness.factor.powi(2) - 0.001).abs() < 1e-6);
     assert!(matches!(paint.boundary, Boundary::Volume { .. }) && paint.diffuse_transmission.is_none());
-    assert!(car.warnings.iter().any(|w| w.contains("sheen")), "{:?}", car.warnings);
+    assert_eq!(paint.disney, Some(Disney { sheen: 0.5.into(), sheen_tint: 0.25, flatness: 0.7 }));
+    assert!(!car.warnings.iter().any(|w| w.contains("sheen")), "{:?}", car.warnings);
+    let plain = scene_with(r#"<bsdf type="principled"><float name="sheen_tint" value="1"/></bsdf>"#);
+    assert_eq!(plain.materials[0].disney, None);
+    let glass = r#"<bsdf type="principled"><float name="sheen" value="1"/><float name="spec_trans" value="1"/></bsdf>"#;
+    assert_eq!(scene_with(glass).materials[0].disney, None, "nothing is left of a base");
 
     let leaf =
         scene_with(r#"<bsdf type="principledthin"><float name="diff_trans" value="1.2"/></bsdf>"#).materials.remove(0);

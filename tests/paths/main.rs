@@ -121,6 +121,12 @@ fn layers_agree_with_the_reference() {
 }
 
 #[test]
+fn cloth_agrees_with_the_reference() {
+    agrees("cloths", &scenes::cloths(), SIDE, 3);
+    shared_agrees("cloths", &scenes::cloths(), 2);
+}
+
+#[test]
 fn mixes_agree_with_the_reference() {
     agrees("mixes", &scenes::mixes(), SIDE, 3);
     shared_agrees("mixes", &scenes::mixes(), 2);

@@ -131,6 +131,14 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("coated glass", scenes::coated(0.4, scenes::glass(0.4, 1.5, clear))),
         ("sheen on metal", scenes::velvet(0.4, scenes::conductor(0.3, Fresnel::None))),
         ("sheen under a coat", scenes::coated(0.5, scenes::velvet(0.6, scenes::plastic(0.3)))),
+        ("cloth", scenes::cloth(2.0, 0.7, scenes::gltf(0.5, 0.2, 0.0, Boundary::Sheet))),
+        (
+            "translucent cloth under a coat",
+            scenes::coated(
+                0.5,
+                scenes::translucent(0.5, scenes::cloth(2.0, 0.5, scenes::gltf(0.5, 0.0, 0.3, Boundary::Sheet))),
+            ),
+        ),
         ("brushed metal", scenes::stretched(0.7, scenes::conductor(0.3, Fresnel::None))),
         ("brushed glass under a coat", scenes::coated(0.6, scenes::stretched(0.6, scenes::glass(0.3, 1.5, clear)))),
         ("Beckmann metal", scenes::beckmann(scenes::conductor(0.4, Fresnel::None))),

@@ -2,9 +2,9 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Distribution, Emission, Film, Filter, Fresnel, Image,
-    Lamp, Lens, Light, Mapping, Material, Mesh, Mix, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen, Sides,
-    SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Disney, Distribution, Emission, Film, Filter,
+    Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh, Mix, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen,
+    Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, emitter, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -130,6 +130,24 @@ pub fn sheens() -> Scene {
         velvet(0.7, conductor(0.3, Fresnel::None)),
         velvet(0.5, conductor(0.0, Fresnel::None)),
         coated(0.4, velvet(0.6, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns glTF's material with Disney's sheen and flatness.
+pub fn cloth(sheen: f32, flatness: f32, material: Material) -> Material {
+    let disney = Disney { sheen: sheen.into(), sheen_tint: 0.5, flatness };
+    Material { disney: Some(disney), ..material }
+}
+
+/// Returns cloth that is rough and smooth, under a coat, and thin, so that it passes light.
+pub fn cloths() -> Scene {
+    let mut scene = balls([
+        cloth(3.0, 0.0, gltf(0.6, 0.0, 0.0, Boundary::Sheet)),
+        cloth(2.0, 0.8, gltf(0.0, 0.3, 0.0, Boundary::Sheet)),
+        coated(0.4, cloth(2.0, 1.0, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
+        translucent(0.5, cloth(2.0, 0.5, gltf(0.5, 0.0, 0.3, Boundary::Sheet))),
     ]);
     lamp(&mut scene, 3.0, false);
     scene

@@ -155,6 +155,7 @@ fn a_light_behind_a_rough_sheet_shines_through() {
         diffuse_transmission: (0.0, Vec3::ZERO),
         film: None,
         clear: false,
+        disney: None,
     };
     let expected = model.evaluate(Vec3::Z, toward_light).0 * 5.0;
     assert!(expected.min_element() > 0.1);

@@ -8,6 +8,7 @@ use crate::render::layouts;
 use crate::render::layouts::material_flags::CLEAR_SHEET;
 use crate::render::lights::table::LightTable;
 use crate::render::upload::materials::records;
+use crate::render::upload::rough_coat::RoughCoats;
 use crate::render::upload::sheen;
 use crate::render::upload::tables::{Table, TableData, Tables};
 use crate::render::upload::textures::{Atlas, as_array, texture, upload_map};
@@ -72,12 +73,15 @@ impl GpuScene {
         }
         let VertexData { positions, attributes, triangles } = VertexData::new(geometry, capacity, textured);
         let mut atlas = Atlas::new(gpu, scene)?;
-        let (mut materials, layers): (Vec<_>, Vec<_>) = Material::with_parts(&scene.materials)
-            .into_iter()
-            .map(|(material, parts)| records(material, parts, scene, &mut atlas))
-            .unzip();
+        let parts = Material::with_parts(&scene.materials);
+        let (mut materials, layers): (Vec<_>, Vec<_>) =
+            parts.iter().map(|&(material, parts)| records(material, parts, scene, &mut atlas)).unzip();
         // What a ray passes is decided by the whole, before its parts are.
         materials.iter_mut().skip(scene.materials.len()).for_each(|part| part.flags &= !CLEAR_SHEET);
+        let mut coats = RoughCoats::default();
+        if flags.contains(&Flag::RoughPlastic) {
+            parts.iter().zip(&mut materials).for_each(|((material, _), record)| coats.add(material, record));
+        }
         if materials.is_empty() {
             materials.push(layouts::Material::default());
         }
@@ -90,6 +94,7 @@ impl GpuScene {
         if flags.contains(&Flag::Sheen) {
             data.add(Table::SheenAlbedos, &sheen::albedos());
         }
+        data.add(Table::RoughCoats, &coats.numbers());
         for (table, records) in tables_of(lights) {
             data.add(table, records);
         }

@@ -112,6 +112,10 @@ fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
             atlas.add(scene, texture, OF_ANISOTROPY, 0);
         }
     }
+    if let Some(disney) = &m.disney {
+        out.disney_sheen = atlas.scalar(scene, &disney.sheen, OF_SHEEN_ROUGHNESS).0;
+        (out.disney_sheen_tint, out.flatness) = (disney.sheen_tint, disney.flatness);
+    }
     if let Some(sheen) = &m.sheen {
         out.sheen = atlas.color(scene, &sheen.color, OF_SHEEN).0;
         out.sheen_roughness = atlas.scalar(scene, &sheen.roughness, OF_SHEEN_ROUGHNESS).0;

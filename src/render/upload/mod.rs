@@ -5,6 +5,7 @@ pub mod deformation;
 pub mod gpu_scene;
 mod materials;
 pub mod rest_mesh;
+mod rough_coat;
 mod sheen;
 mod tables;
 pub mod tessellate;

@@ -22,6 +22,7 @@ pub(super) enum Table {
     Layers,
     TextureUses,
     SheenAlbedos,
+    RoughCoats,
     Lights,
     LightSums,
     Emitters,
@@ -81,7 +82,7 @@ impl Tables {
             patterns: row(Table::Patterns),
             sky_shares: row(Table::SkyShares),
             light_nodes: row(Table::LightNodes),
-            pad0: 0,
+            rough_coats: row(Table::RoughCoats),
         };
         let uniform = gpu.uniform::<TableRows>("table_rows");
         gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&rows));

@@ -92,9 +92,9 @@ pub enum Bsdf {
     },
     /// A diffuse base under a dielectric coat (Mitsuba's plastic and roughplastic), G1 G1 as in Mitsuba.
     ///
-    /// f = specular F D G / (4 cos cos) + diffuse / pi T(cos_i) T(cos_o) / (eta^2 (1 - r F_in)), T = 1 - F of
-    /// the smooth coat, F_in its internal diffuse reflectance, r the diffuse colour if `nonlinear` and 1
-    /// otherwise.
+    /// f = specular F D G / (4 cos cos) + diffuse / pi T(cos_i) T(cos_o) / (eta^2 (1 - r F_in)), T the light that
+    /// the coat's facets let in, without what they mask, F_in the coat's internal diffuse reflectance, r the diffuse
+    /// colour if `nonlinear` and 1 otherwise. T is 1 - F where the coat is smooth.
     Plastic {
         /// GGX width of the coat.
         alpha: Scalar,
@@ -138,6 +138,15 @@ impl Bsdf {
             }
         };
         width.texture.is_none().then_some((alpha, fresnel))
+    }
+
+    /// Returns index of refraction and width of a rough coat over a diffuse base.
+    #[must_use]
+    pub fn rough_coat(&self) -> Option<(f32, Scalar)> {
+        match self {
+            Self::Plastic { alpha, eta, .. } if alpha.factor >= SMOOTH => Some((*eta, *alpha)),
+            _ => None,
+        }
     }
 
     /// Returns true if facets transmit light anywhere.
@@ -292,6 +301,24 @@ impl Sheen {
     pub const MIN_ROUGHNESS: f32 = 0.1;
 }
 
+/// What Disney's BSDF adds to the diffuse base of a [`Bsdf::MetallicRoughness`] (Burley 2012, 2015; Mitsuba's
+/// `principled`): with the weight F(c) = (1 - c)^5 of Schlick, the cosine d of either direction with the half vector,
+/// the metallic blend m and the base's colour b,
+///
+/// f = (1 - flatness) f_base + (1 - m) flatness b / pi f_ss + (1 - m) sheen mix(1, b / luminance(b), sheen_tint) F(d)
+///
+/// with f_ss = 1.25 (S(cos_i) S(cos_o) (1 / (cos_i + cos_o) - 0.5) + 0.5) and S(c) = mix(1, roughness d^2, F(c)). Of a
+/// surface that transmits the base has its share of f_ss, and of a thin one the sheen, too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disney {
+    /// Weight of the lobe at grazing angles.
+    pub sheen: Scalar,
+    /// Share of the base's hue in its colour.
+    pub sheen_tint: f32,
+    /// Blend between the base (0) and flat subsurface scattering (1).
+    pub flatness: f32,
+}
+
 /// Two materials that a surface mixes: its BSDF is (1 - w) f_0 + w f_1 (Mitsuba's `blendbsdf`, PBRT's `mix`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mix {
@@ -374,6 +401,8 @@ pub struct Material {
     pub film: Option<Film>,
     /// Stretch of the BSDF's lobe; none for a round lobe.
     pub anisotropy: Option<Anisotropy>,
+    /// Disney's sheen and flatness of the base, if any.
+    pub disney: Option<Disney>,
     /// Fibres on top of it, if any.
     pub sheen: Option<Sheen>,
     /// Varnish on top of both, if any.
@@ -400,6 +429,7 @@ impl Material {
             diffuse_transmission: None,
             film: None,
             anisotropy: None,
+            disney: None,
             sheen: None,
             coat: None,
             mix: None,
@@ -490,7 +520,7 @@ impl Material {
             _ => false,
         };
         let bare = self.film.is_none() && self.sheen.is_none() && self.coat.is_none() && self.mix.is_none();
-        let bare = bare && self.diffuse_transmission.is_none() && self.anisotropy.is_none();
+        let bare = bare && self.diffuse_transmission.is_none() && self.anisotropy.is_none() && self.disney.is_none();
         smooth && bare && self.boundary == Boundary::Sheet && self.emission.is_none() && self.normal_map.is_none()
     }
 

@@ -51,10 +51,14 @@ pub struct SceneStats {
     pub films: bool,
     /// True if any surface has a stretched lobe.
     pub anisotropic: bool,
+    /// True if any surface has Disney's sheen or flatness.
+    pub disney: bool,
     /// True if any surface has a sheen.
     pub sheens: bool,
     /// True if any surface has a coat.
     pub coats: bool,
+    /// True if any diffuse base lies under a rough coat.
+    pub rough_plastic: bool,
     /// True if any lobe has Beckmann facets.
     pub beckmann: bool,
     /// True if any surface is a mix of materials.
@@ -139,8 +143,10 @@ impl SceneStats {
             diffuse_transmission: count(&|m| m.any(&|m| m.diffuse_transmission.is_some())) > 0,
             films: count(&|m| m.any(&|m| m.film.is_some())) > 0,
             anisotropic: count(&|m| m.any(&|m| m.anisotropy.is_some())) > 0,
+            disney: count(&|m| m.any(&|m| m.disney.is_some())) > 0,
             sheens: count(&|m| m.any(&|m| m.sheen.is_some())) > 0,
             coats: count(&|m| m.any(&|m| m.coat.is_some())) > 0,
+            rough_plastic: count(&|m| m.any(&|m| m.bsdf.rough_coat().is_some())) > 0,
             beckmann: count(&|m| m.any(&|m| m.distribution == Distribution::Beckmann)) > 0,
             mixes: count(&|m| m.mix.is_some()) > 0,
             narrow_metals: count(&|m| m.any(&is_narrow_metal)) > 0,

@@ -103,6 +103,7 @@ impl Materials {
             diffuse_transmission,
             film,
             anisotropy,
+            disney: None,
             sheen,
             coat,
             mix: None,

@@ -1,12 +1,12 @@
 //! Mitsuba's `principled` and `principledthin`, after Disney's BSDF of 2012 and 2015. Base, metal and transmission are
-//! glTF's model, and the clear coat is one of glTF's. Other lobes are left out; a warning names their parameters.
+//! glTF's model, and the clear coat is one of glTF's. Sheen and flatness are Disney's own.
 
 use glam::Vec3;
 
 use super::Loader;
 use super::textures::{is_texture, luminance};
 use super::values::Plugin;
-use crate::scene::{Anisotropy, Boundary, Bsdf, Coat, DiffuseTransmission, LoadError, Material, Scalar, Sides};
+use crate::scene::{Anisotropy, Boundary, Bsdf, Coat, DiffuseTransmission, Disney, LoadError, Material, Scalar, Sides};
 
 impl<'a> Loader<'a> {
     /// Converts `principled`, or `principledthin` if `thin`.
@@ -47,6 +47,8 @@ impl<'a> Loader<'a> {
             specular_color,
             transmission,
         };
+        // Light that all passes meets no base.
+        let has_base = thin || transmission != 1.0.into();
         let width = roughness.factor * roughness.factor;
         // Of 2, all light that the base does not reflect passes; 1 is half of it.
         let passing = self.scalar_parameter(plugin, "diff_trans")?.filter(|share| thin && share.factor > 0.0);
@@ -58,11 +60,19 @@ impl<'a> Loader<'a> {
             bsdf,
             diffuse_transmission,
             anisotropy: Anisotropy::of_widths(width / aspect, width * aspect),
+            disney: self.disney(plugin)?.filter(|_| has_base),
             coat: self.disney_coat(plugin)?,
             sides: Sides::One,
             boundary: if thin { Boundary::Sheet } else { Boundary::Volume { absorption: Vec3::ZERO } },
             ..Material::diffuse("", Vec3::ONE)
         })
+    }
+
+    /// Converts `sheen`, `sheen_tint` and `flatness`.
+    fn disney(&mut self, plugin: &Plugin<'a>) -> Result<Option<Disney>, LoadError> {
+        let sheen = self.scalar_parameter(plugin, "sheen")?.unwrap_or(0.0.into());
+        let disney = Disney { sheen, sheen_tint: number(plugin, "sheen_tint")?, flatness: number(plugin, "flatness")? };
+        Ok((sheen.factor > 0.0 || disney.flatness > 0.0).then_some(disney))
     }
 
     /// Converts `clearcoat`: a quarter of a coat whose width is 0.1 without gloss, and 0.001 with all of it.
