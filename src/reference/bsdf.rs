@@ -181,7 +181,7 @@ impl Bsdf {
                     bend: if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
                         1.0
                     } else {
-                        beyond(ior.max(1.0))
+                        beyond(material.iors().map_or(ior.max(1.0), |iors| iors[surface.channel]))
                     },
                     diffuse_transmission: material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
                         (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
