@@ -479,8 +479,7 @@ impl Material {
     #[must_use]
     pub fn iors(&self) -> Option<[f32; 3]> {
         let Bsdf::MetallicRoughness { ior, .. } = self.bsdf else { return None };
-        let refracts =
-            self.bsdf.transmits() && self.boundary != Boundary::Sheet && self.diffuse_transmission.is_none();
+        let refracts = self.bsdf.transmits() && self.boundary != Boundary::Sheet && self.diffuse_transmission.is_none();
         let half_spread = 0.025 * (ior - 1.0) * self.dispersion;
         (refracts && half_spread > 0.0).then(|| [ior - half_spread, ior, ior + half_spread].map(|ior| ior.max(1.0)))
     }
