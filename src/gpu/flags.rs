@@ -36,6 +36,8 @@ flags! {
     Specular = "SPECULAR",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
+    /// Media disperse light. Needs TRANSMISSION.
+    Disperses = "DISPERSES",
     /// Diffuse bases pass light. Needs TRANSMISSION.
     DiffuseTransmission = "DIFFUSE_TRANSMISSION",
     /// Thin films tint reflections.

@@ -214,7 +214,7 @@ impl<'s> Bsdf<'s> {
                     bend: if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
                         1.0
                     } else {
-                        beyond(ior.max(1.0))
+                        beyond(material.iors().map_or(ior.max(1.0), |iors| iors[surface.channel]))
                     },
                     diffuse_transmission: passing,
                     film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),

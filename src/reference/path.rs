@@ -8,6 +8,9 @@
 //! A path stores only the medium that it entered last, and a surface's back side names the medium in front of
 //! it. Nested volumes therefore lose the outer volume's absorption only between the exit from an inner one
 //! and the next surface that is not a volume boundary.
+//!
+//! Media that disperse light refract all of a path by the index of one colour channel, which is chosen for the path.
+//! From the first vertex on at which the path is inside such a medium, it holds three times this channel alone.
 
 use std::cell::Cell;
 
@@ -41,6 +44,19 @@ struct Vertex<'v> {
     wo: Vec3,
     /// Absorption coefficients on the viewer's side and on the far side, 1/m.
     media: [Vec3; 2],
+    /// True if the path holds one channel alone before this vertex.
+    dispersed: bool,
+}
+
+impl Vertex<'_> {
+    /// Returns the factor of a path that goes on from a vertex, by the cosine of its direction to the shading normal,
+    /// and whether it holds one channel alone from there on.
+    fn dispersion(&self, wi_z: f32) -> (Vec3, bool) {
+        if self.dispersed || !self.surface.disperses(wi_z) {
+            return (Vec3::ONE, self.dispersed);
+        }
+        (Vec3::AXES[self.surface.channel] * 3.0, true)
+    }
 }
 
 /// Transmittance by Beer's law over a distance, which may be infinite.
@@ -68,6 +84,8 @@ impl Reference<'_> {
         // Density of the last direction; none for camera rays and smooth lobes, which no other technique
         // samples.
         let mut pdf_w = None;
+        let channel = sampler.channel();
+        let mut dispersed = false;
         for vertex in 0.. {
             path.rays += 1;
             let bits = sampler.bits_of_ray(path.rays);
@@ -80,7 +98,8 @@ impl Reference<'_> {
                 }
                 break;
             };
-            let surface = self.surfaces.at(&hit, direction, bits);
+            let mut surface = self.surfaces.at(&hit, direction, bits);
+            surface.channel = channel;
             let [here, beyond] = surface.media(medium);
             throughput *= transmittance(here, hit.t);
 
@@ -102,7 +121,7 @@ impl Reference<'_> {
                 break;
             }
 
-            let shaded = Vertex { surface: &surface, hit: &hit, bsdf: &bsdf, wo, media: [here, beyond] };
+            let shaded = Vertex { surface: &surface, hit: &hit, bsdf: &bsdf, wo, media: [here, beyond], dispersed };
             self.add_direct_light(&mut path, &shaded, vertex, throughput, sampler);
             if bounces == Some(vertex) && !self.emitters_can_be_hit {
                 break;
@@ -116,7 +135,9 @@ impl Reference<'_> {
             if wi.dot(surface.normal) * sample.wi.z <= 0.0 {
                 break;
             }
-            throughput *= sample.weight;
+            let (one_channel, from_here) = shaded.dispersion(sample.wi.z);
+            throughput *= sample.weight * one_channel;
+            dispersed = from_here;
             if vertex >= ROULETTE_FROM {
                 // Without eta^2, the change of radiance between media would count as loss of energy.
                 let kept = sample.weight.max_element() * sample.eta * sample.eta;
@@ -214,7 +235,7 @@ impl Reference<'_> {
     /// Returns the contribution of one light sample at a vertex, from a group that was chosen with a
     /// probability.
     fn direct(&self, vertex: &Vertex, (group, probability, u): (Group, f32, Vec2), rays: &mut u32) -> Vec3 {
-        let &Vertex { surface, hit, bsdf, wo, media: [here, beyond] } = vertex;
+        let &Vertex { surface, hit, bsdf, wo, media: [here, beyond], .. } = vertex;
         let (geometry, sky) = (&self.surfaces.geometry, self.sky.as_ref());
         let facing = (!bsdf.transmits()).then_some(surface.frame.z);
         let Some(sample) = self.lights.sample(group, surface.position, facing, u, geometry, sky) else {
@@ -248,6 +269,7 @@ impl Reference<'_> {
             return Vec3::ZERO;
         }
         value
+            * vertex.dispersion(wi.z).0
             * arriving
             * passing
             * transmittance(if wi.z > 0.0 { here } else { beyond }, distance)

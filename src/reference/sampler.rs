@@ -40,6 +40,12 @@ impl Sampler {
         Vec2::new(a, b)
     }
 
+    /// Returns the colour channel that dispersive media of the path refract: all three in turn from sample to sample.
+    #[must_use]
+    pub fn channel(&self) -> usize {
+        ((hash(self.seed ^ 0x9e37_79b9) % 3 + self.index % 3) % 3) as usize
+    }
+
     /// Returns random bits for the n-th ray of the path; points of the sequence are not consumed.
     #[must_use]
     pub fn bits_of_ray(&self, n: u32) -> u32 {
@@ -91,6 +97,17 @@ mod tests {
                 assert_eq!(strata, [[1; 256]; 2], "pixel {pixel}, pair {pair}");
             }
         }
+    }
+
+    #[test]
+    fn channels_come_in_turn() {
+        let mut first = [0; 3];
+        for pixel in 0..300 {
+            let channels: Vec<usize> = (0..9).map(|sample| Sampler::new(5, pixel, sample).channel()).collect();
+            assert!((0..9).all(|n| channels[n] == (channels[0] + n) % 3), "{channels:?}");
+            first[channels[0]] += 1;
+        }
+        assert!(first.iter().all(|count| (70..130).contains(count)), "{first:?}");
     }
 
     #[test]

@@ -78,6 +78,8 @@ pub struct Surface<'s> {
     pub vertex_color: Vec3,
     /// Index of the material, of mixes that of the part that the point is of, and the material.
     pub material: (usize, &'s Material),
+    /// The colour channel that a dispersive medium refracts; green unless it is chosen.
+    pub channel: usize,
     /// The material as a whole.
     whole: &'s Material,
 }
@@ -87,6 +89,13 @@ impl Surface<'_> {
     #[must_use]
     pub fn is_clear_sheet(&self) -> bool {
         self.whole.is_clear_sheet()
+    }
+
+    /// Returns true if scattering between the viewer and a direction with the cosine `wi_z` to the shading normal
+    /// depends on the channel: if one of them is inside a medium that disperses light.
+    #[must_use]
+    pub fn disperses(&self, wi_z: f32) -> bool {
+        self.material.1.iors().is_some() && (!self.front || wi_z < 0.0)
     }
 
     /// Returns the absorption coefficients on the viewer's side and on the far side, 1/m; `viewer` is that of
@@ -264,6 +273,7 @@ impl<'s> Surfaces<'s> {
             uvs,
             vertex_color: hit.mix(corners.map(|c| c.color.truncate())),
             material: (index, material),
+            channel: 1,
             whole: self.material(hit.triangle),
         }
     }

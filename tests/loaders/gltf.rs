@@ -652,8 +652,7 @@ fn variants_pick_materials_by_name() {
 fn transmission_and_volumes_are_read() {
     let mut draft = Draft::triangle();
     draft.primitive()["material"] = json!(0);
-    draft.json["extensionsUsed"] =
-        json!(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_dispersion"]);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
     draft.json["extensionsRequired"] = json!(["KHR_materials_transmission", "KHR_materials_volume"]);
     let glass =
         |extensions: Value| json!([{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": extensions }]);
@@ -676,7 +675,6 @@ fn transmission_and_volumes_are_read() {
     // White turns into the colour over the distance.
     let Boundary::Volume { absorption } = material.boundary else { panic!("{material:?}") };
     assert!((-absorption * 0.5).exp().abs_diff_eq(Vec3::new(0.25, 0.5, 1.0), 1e-6), "{absorption}");
-    assert!(warned(&scene, "KHR_materials_dispersion is not supported"));
     for part in ["KHR_materials_transmission", "KHR_materials_volume"] {
         assert!(!warned(&scene, part), "{:?}", scene.warnings);
     }
@@ -702,6 +700,45 @@ fn transmission_and_volumes_are_read() {
     assert!(scene.materials[0].boundary == Boundary::Sheet && scene.materials[0].bsdf.transmits());
     draft.json["materials"] = glass(json!({}));
     assert!(!draft.load("opaque.gltf").materials[0].bsdf.transmits());
+}
+
+#[test]
+fn dispersion_is_read() {
+    let mut draft = Draft::triangle();
+    draft.primitive()["material"] = json!(0);
+    draft.json["extensionsUsed"] = json!(["KHR_materials_transmission", "KHR_materials_dispersion"]);
+    draft.json["extensionsRequired"] = draft.json["extensionsUsed"].clone();
+    let volume = json!({ "thicknessFactor": 0.1 });
+    let glass = |ior: f32, dispersion: Value, volume: &Value| {
+        json!([{ "pbrMetallicRoughness": { "metallicFactor": 0 }, "extensions": {
+            "KHR_materials_transmission": { "transmissionFactor": 1 }, "KHR_materials_volume": volume,
+            "KHR_materials_ior": { "ior": ior }, "KHR_materials_dispersion": { "dispersion": dispersion } } }])
+    };
+    let mut load = |materials: Value| {
+        draft.json["materials"] = materials;
+        draft.load("dispersion.gltf")
+    };
+    // Half of the spread is 0.025 (n - 1) dispersion.
+    let scene = load(glass(1.6, json!(2), &volume));
+    let [red, green, blue] = scene.materials[0].iors().unwrap();
+    assert!((red - 1.57).abs() < 1e-6 && green == 1.6 && (blue - 1.63).abs() < 1e-6, "{red} {green} {blue}");
+    assert!(!warned(&scene, "ispersion"), "{:?}", scene.warnings);
+    // An index is at least 1.
+    assert_eq!(load(glass(1.5, json!(80), &volume)).materials[0].iors(), Some([1.0, 1.5, 2.5]));
+    assert_eq!(load(glass(1.5, json!(0), &volume)).materials[0].iors(), None);
+    for (ior, volume) in [(1.5, json!({ "thicknessFactor": 0 })), (1.0, volume.clone()), (0.0, volume.clone())] {
+        let scene = load(glass(ior, json!(1), &volume));
+        assert_eq!(scene.materials[0].iors(), None);
+        assert!(warned(&scene, "materials[0] has a dispersion, but"), "{:?}", scene.warnings);
+    }
+    for (name, dispersion, part) in [
+        ("negative", json!(-0.5), "-0.5"),
+        ("endless", json!(1e30), "out of range"),
+        ("text", json!("much"), "invalid"),
+    ] {
+        draft.json["materials"] = glass(1.5, dispersion, &volume);
+        draft.refused(&format!("{name}_dispersion.gltf"), "materials[0].KHR_materials_dispersion", part);
+    }
 }
 
 #[test]

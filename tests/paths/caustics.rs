@@ -29,6 +29,12 @@ fn behind_ball() -> Scene {
     scenes::behind_glass(scenes::glass(0.0, 1.5, Boundary::Volume { absorption: Vec3::splat(0.5) }))
 }
 
+/// Returns the same floor behind a ball that disperses light.
+fn behind_dispersive_ball() -> Scene {
+    let clear = Boundary::Volume { absorption: Vec3::ZERO };
+    scenes::behind_glass(scenes::dispersive(scenes::gltf(0.0, 0.0, 1.0, clear)))
+}
+
 /// Returns the same with a point light below the lamp, which is out.
 fn behind_ball_and_point() -> Scene {
     let mut scene = behind_ball();
@@ -47,6 +53,7 @@ fn shared_finds_the_caustics_of_bdpt() {
     for (name, scene, samples) in [
         ("a lamp through a ball", behind_ball(), [64, 48]),
         ("the same through a lens", lens, [64, 48]),
+        ("a lamp through a ball that disperses light", behind_dispersive_ball(), [96, 96]),
         ("a point through a ball", behind_ball_and_point(), [64, 48]),
         ("a spot in a mirror, in a parallel projection", scenes::mirrored_light(), [32, 32]),
         ("glass of all kinds", absorbing_and_rough, [128, 64]),

@@ -195,6 +195,53 @@ fn clear_sheets_agree_with_the_reference() {
 }
 
 #[test]
+fn dispersion_agrees_with_the_reference() {
+    agrees("dispersing", &scenes::dispersing(), SIDE, 4);
+    shared_agrees("dispersing", &scenes::dispersing(), 3);
+}
+
+/// Reservoirs of the last sample had other channels. As a canary, a lamp that is a tenth brighter is noticed.
+#[test]
+fn reservoirs_know_their_channels() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::dispersing();
+    let settings = Settings { light_sampling: Some(LightSampling::Restir), ..settings(Technique::PATH, SIDE, 32, 2) };
+    let expected = references(&scene, &settings, 64);
+    let verdict = |scene: &Scene| compare(&pictures(gpu, scene, &settings), &expected, Look::Blocks);
+    let mut brighter = scene.clone();
+    brighter.materials.iter_mut().filter_map(|m| m.emission.as_mut()).for_each(|e| e.radiance.factor *= 1.1);
+    let (right, wrong) = (verdict(&scene), verdict(&brighter));
+    println!("reservoirs: {right:?}, a brighter lamp: {wrong:?}");
+    assert!(right.agrees() && !wrong.agrees(), "{right:?} {wrong:?}");
+}
+
+/// A ray that arrives at 45 degrees at a slab of thickness 1 rises by tan(asin(sin(45 degrees) / n_c)) inside it. A strip
+/// shows where one channel arrives, and nothing of the other two. Both sides transmit 1 - F of it, with Schlick's F,
+/// times the base colour.
+#[test]
+fn a_strip_behind_a_dispersive_slab_shows_one_channel() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let sin = 0.5_f32.sqrt();
+    let head_on = (0.45_f32 / 2.45).powi(2);
+    let passed = 1.0 - (head_on + (1.0 - head_on) * (1.0 - sin).powi(5));
+    for channel in 0..3 {
+        let scene = scenes::strip_behind_slab(|iors| {
+            let sin = sin / iors[channel];
+            sin / (1.0 - sin * sin).sqrt()
+        });
+        let expected = f64::from((passed * [0.9, 0.7, 0.5][channel]).powi(2));
+        for technique in [Technique::PATH, Technique::RAY_QUERY, Technique::RASTER] {
+            let settings = settings(technique, 8, 96, 2);
+            let film = common::picture(&mut *open(gpu, &scene, &settings).unwrap(), 96);
+            let mean = |c: usize| film.pixels.iter().map(|p| f64::from(p[c])).sum::<f64>() / film.pixels.len() as f64;
+            println!("{technique}: {:?}, {expected} in channel {channel}", [mean(0), mean(1), mean(2)]);
+            assert!((mean(channel) / expected - 1.0).abs() < 0.04, "{technique}: {} is not {expected}", mean(channel));
+            (0..3).filter(|&c| c != channel).for_each(|c| assert_eq!(mean(c), 0.0, "{technique}, channel {c}"));
+        }
+    }
+}
+
+#[test]
 fn textures_masks_and_parallel_rays_agree_with_the_reference() {
     agrees("textured", &scenes::textured(), SIDE, 2);
 }

@@ -301,6 +301,40 @@ pub fn below_a_pane(sun: bool, tint: Vec3) -> Scene {
     scene
 }
 
+/// Returns a material whose medium disperses light far more than any glass does.
+pub fn dispersive(material: Material) -> Material {
+    Material { dispersion: 12.0, ..material }
+}
+
+/// Returns media that disperse light, with smooth and rough facets, absorption, a diffuse base and a coat.
+pub fn dispersing() -> Scene {
+    let clear = Boundary::Volume { absorption: Vec3::ZERO };
+    let tinted = Boundary::Volume { absorption: Vec3::new(2.0, 0.5, 0.2) };
+    let mut scene = balls([
+        dispersive(gltf(0.0, 0.0, 1.0, clear)),
+        dispersive(gltf(0.5, 0.0, 1.0, clear)),
+        coated(0.3, dispersive(gltf(0.4, 0.1, 0.7, tinted))),
+        dispersive(gltf(0.0, 0.2, 0.6, clear)),
+    ]);
+    lamp(&mut scene, 3.0, false);
+    scene
+}
+
+/// Returns a slab of thickness 1 that disperses light, seen at 45 degrees, and a strip behind it that emits light, where a
+/// ray arrives that rises inside the slab as a function of the channels' indices says.
+pub fn strip_behind_slab(rise: impl Fn([f32; 3]) -> f32) -> Scene {
+    let along = Vec3::new(0.0, 1.0, -1.0).normalize();
+    let mut scene = Scene { cameras: vec![parallel(-along, along, 1e-3)], ..Scene::default() };
+    let material = dispersive(gltf(0.0, 0.0, 1.0, Boundary::Volume { absorption: Vec3::ZERO }));
+    let height = rise(material.iors().unwrap()) + 1.0;
+    add(&mut scene, quad(Vec3::new(-9.0, -9.0, 0.0), Vec3::X * 18.0, Vec3::Y * 18.0), material.clone());
+    add(&mut scene, quad(Vec3::new(9.0, -9.0, -1.0), Vec3::X * -18.0, Vec3::Y * 18.0), material);
+    let emission = Some(Emission { radiance: Vec3::ONE.into(), two_sided: false });
+    let strip = quad(Vec3::new(-1.0, height - 0.01, -2.0), Vec3::X * 2.0, Vec3::Y * 0.02);
+    add(&mut scene, strip, Material { emission, ..Material::diffuse("strip", Vec3::ZERO) });
+    scene
+}
+
 /// Returns a floor that an area light illuminates through a ball.
 pub fn behind_glass(material: Material) -> Scene {
     let mut scene = Scene {

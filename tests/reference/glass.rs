@@ -124,6 +124,7 @@ fn rough_glass_gets_as_much_from_a_sky_that_is_looked_for() {
         glass(0.6, 1.5, CLEAR),
         glass(0.3, 1.5, Boundary::Sheet),
         gltf(0.5, Vec3::new(0.9, 0.8, 0.5), CLEAR),
+        Material { dispersion: 8.0, ..gltf(0.5, Vec3::new(0.9, 0.8, 0.5), CLEAR) },
         gltf(0.5, Vec3::new(0.9, 0.8, 0.5), Boundary::Sheet),
     ] {
         let mut scene = scene(pinhole(Vec3::Z * 3.0, Vec3::NEG_Z, 0.5));
@@ -334,6 +335,50 @@ fn a_slab_shifts_rays_by_snell_s_law() {
     assert!(seen(rise + 1.0) > 0.85);
     assert_eq!(seen(rise + 1.03), 0.0);
     assert_eq!(seen(2.0), 0.0, "where it would be without glass");
+}
+
+/// As above, with an index for each channel: 1.4, 1.5 and 1.6 for an index of 1.5 and a dispersion of 8. A strip shows
+/// where red, green or blue arrives, and nothing of the other two. Both sides transmit 1 - F of it, with Schlick's F
+/// at 45 degrees.
+#[test]
+fn a_dispersive_slab_shifts_each_channel_by_its_own_index() {
+    let along = Vec3::new(0.0, 1.0, -1.0).normalize();
+    let mut scene = scene(parallel(-along, along, 1e-3));
+    add(&mut scene, slab(1.0), Material { dispersion: 8.0, ..gltf(0.0, Vec3::ONE, CLEAR) });
+    assert_eq!(scene.materials[0].iors(), Some([1.4, 1.5, 1.6]));
+    let reflected = 0.04 + 0.96 * (1.0 - 0.5_f32.sqrt()).powi(5);
+    for (channel, ior) in [1.4_f32, 1.5, 1.6].into_iter().enumerate() {
+        let sin = 0.5_f32.sqrt() / ior;
+        let height = sin / (1.0 - sin * sin).sqrt() + 1.0;
+        let mut scene = scene.clone();
+        let patch = quad(Vec3::new(-1.0, height - 0.01, -2.0), Vec3::X * 2.0, Vec3::Y * 0.02);
+        add(&mut scene, patch, emitter(0.0, Vec3::ONE, false));
+        let found = mean(&render(&scene, 8, 192, Some(2)));
+        close(found[channel], f64::from((1.0 - reflected).powi(2)), 2e-2);
+        (0..3).filter(|&c| c != channel).for_each(|c| assert_eq!(found[c], 0.0, "{found:?}"));
+    }
+}
+
+/// Glass that disperses light is as invisible as other glass where all light is white, and light in it is denser by the
+/// square of the channel's index.
+#[test]
+fn dispersive_glass_is_invisible_in_a_white_furnace() {
+    let from = Vec3::new(0.4, 0.3, 3.0);
+    let material = Material { dispersion: 8.0, ..gltf(0.0, Vec3::ONE, CLEAR) };
+    for body in [slab(0.5), sphere(3)] {
+        let mut outside = scene(pinhole(from, -from, 0.6));
+        add(&mut outside, body, material.clone());
+        outside.environment = white_sky(false);
+        let found = mean(&render(&outside, 48, 384, None));
+        outside.materials[0].dispersion = 0.0;
+        let plain = mean(&render(&outside, 48, 384, None));
+        found.into_iter().chain(plain).for_each(|mean| close(mean, 1.0, 4e-3));
+    }
+    let mut inside = scene(pinhole(Vec3::new(0.1, 0.0, 0.1), Vec3::new(0.2, 0.3, 1.0), 1.0));
+    add(&mut inside, sphere(3), material);
+    inside.environment = white_sky(false);
+    let found = mean(&render(&inside, 48, 384, None));
+    (0..3).for_each(|c| close(found[c], [1.96, 2.25, 2.56][c], 1e-2));
 }
 
 /// A small emitter before or behind the plane of focus becomes a uniform disc: in the plane of focus its

@@ -84,6 +84,7 @@ fn flags(stats: &SceneStats, settings: &Settings, light_sampling: LightSampling)
     let own = chosen([
         (Flag::Specular, glossy),
         (Flag::Transmission, transmits),
+        (Flag::Disperses, transmits && stats.disperses),
         (Flag::DiffuseTransmission, transmits && stats.diffuse_transmission),
         (Flag::LightPaths, settings.method() == Method::Bdpt),
         (Flag::LightTree, light_sampling.has_tree()),

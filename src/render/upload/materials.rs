@@ -44,6 +44,9 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
         ..Default::default()
     };
     write_bsdf(&mut out, &m.bsdf, scene, atlas);
+    if let Some(iors) = m.iors() {
+        out.k = iors;
+    }
     if m.distribution == Distribution::Beckmann {
         out.flags |= BECKMANN_FACETS;
     }

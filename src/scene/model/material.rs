@@ -415,6 +415,9 @@ pub struct Material {
     pub sides: Sides,
     /// Medium behind the surface if the BSDF transmits.
     pub boundary: Boundary,
+    /// Dispersion of a [`Boundary::Volume`] behind a [`Bsdf::MetallicRoughness`] (KHR_materials_dispersion): 20 over
+    /// the Abbe number; 0 for none. [`Material::iors`] says what it does.
+    pub dispersion: f32,
 }
 
 impl Material {
@@ -436,6 +439,7 @@ impl Material {
             opacity: None,
             sides: Sides::Two,
             boundary: Boundary::Volume { absorption: Vec3::ZERO },
+            dispersion: 0.0,
         }
     }
 
@@ -528,6 +532,17 @@ impl Material {
     #[must_use]
     pub fn may_be_passed(&self) -> bool {
         self.opacity.is_some() || (self.boundary == Boundary::Sheet && self.transmits())
+    }
+
+    /// Returns the index by which each channel is refracted, if the medium behind the surface disperses light: in the
+    /// form of KHR_materials_dispersion, n - h, n, n + h with h = 0.025 (n - 1) dispersion. Reflectances are those of
+    /// n in all channels. A sheet refracts nothing.
+    #[must_use]
+    pub fn iors(&self) -> Option<[f32; 3]> {
+        let Bsdf::MetallicRoughness { ior, .. } = self.bsdf else { return None };
+        let refracts = self.bsdf.transmits() && self.boundary != Boundary::Sheet && self.diffuse_transmission.is_none();
+        let half_spread = 0.025 * (ior - 1.0) * self.dispersion;
+        (refracts && half_spread > 0.0).then(|| [ior - half_spread, ior, ior + half_spread].map(|ior| ior.max(1.0)))
     }
 
     /// Returns true if the surface does more than reflect diffusely.

@@ -45,6 +45,8 @@ pub struct SceneStats {
     pub smooth_share: f32,
     /// True if any surface transmits light.
     pub transmits: bool,
+    /// True if any medium disperses light.
+    pub disperses: bool,
     /// True if the diffuse base of any surface passes light.
     pub diffuse_transmission: bool,
     /// True if any surface has a thin film.
@@ -140,6 +142,7 @@ impl SceneStats {
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
             transmits: count(&|m| m.transmits()) > 0,
+            disperses: count(&|m| m.any(&|m| m.iors().is_some())) > 0,
             diffuse_transmission: count(&|m| m.any(&|m| m.diffuse_transmission.is_some())) > 0,
             films: count(&|m| m.any(&|m| m.film.is_some())) > 0,
             anisotropic: count(&|m| m.any(&|m| m.anisotropy.is_some())) > 0,

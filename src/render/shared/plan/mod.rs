@@ -455,6 +455,7 @@ fn vertex_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec
     let own = chosen([
         (Flag::Specular, own_directions),
         (Flag::Transmission, own_directions && stats.transmits),
+        (Flag::Disperses, own_directions && stats.disperses),
         (Flag::DiffuseTransmission, own_directions && stats.diffuse_transmission),
         (Flag::Caustics, caustics),
     ]);

@@ -71,6 +71,17 @@ impl Extension for DiffuseTransmission {
     const NAME: &str = "KHR_materials_diffuse_transmission";
 }
 
+/// KHR_materials_dispersion.
+#[derive(Deserialize)]
+pub(super) struct Dispersion {
+    #[serde(default)]
+    pub dispersion: f32,
+}
+
+impl Extension for Dispersion {
+    const NAME: &str = "KHR_materials_dispersion";
+}
+
 fn white() -> [f32; 3] {
     [1.0; 3]
 }

@@ -83,6 +83,7 @@ impl Materials {
         }
         let boundary = read_boundary(scene, extensions.and_then(|e| e.volume.as_ref()));
         let normal_map = self.normal_map(file, scene, &at("normalTexture"), file.normal_maps.get(&index))?;
+        let dispersion = dispersion(file, &place, material)?;
         let diffuse_transmission = self.diffuse_transmission(file, scene, &place, material)?;
         transmits |= diffuse_transmission.is_some();
         let film = self.film(file, scene, &place, material)?;
@@ -111,7 +112,11 @@ impl Materials {
             // Transmitted light reaches both sides.
             sides: if two_sided || transmits { Sides::Two } else { Sides::OneCulled },
             boundary,
+            dispersion,
         };
+        if dispersion > 0.0 && out.iors().is_none() {
+            scene.warn(format!("{place} has a dispersion, but no volume that refracts light: it is left out"));
+        }
         // A dielectric without reflection is Lambertian. `Bsdf::Diffuse` does not support vertex colours or films.
         if let Bsdf::MetallicRoughness { specular, metallic, .. } = out.bsdf
             && specular.factor == 0.0
@@ -499,6 +504,18 @@ fn read_boundary(scene: &mut Scene, volume: Option<&json::extensions::material::
         scene.warn("thickness textures of KHR_materials_volume are ignored: light travels as far as the mesh is thick");
     }
     boundary(volume)
+}
+
+/// Converts KHR_materials_dispersion.
+fn dispersion(file: &File, place: &str, material: &JsonMaterial) -> Result<f32, LoadError> {
+    let Some((place, json)) = extensions::of::<extensions::Dispersion>(file, place, material)? else {
+        return Ok(0.0);
+    };
+    // The product with the index has to be finite, too.
+    if !(0.0..1e18).contains(&json.dispersion) {
+        return Err(file.error(place, format!("a dispersion of {} is out of range", json.dispersion)));
+    }
+    Ok(json.dispersion)
 }
 
 /// Converts KHR_materials_volume: white light is attenuated to the colour over the distance.

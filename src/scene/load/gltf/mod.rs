@@ -39,7 +39,7 @@ use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
 /// Supported extensions.
-pub const SUPPORTED: [&str; 24] = [
+pub const SUPPORTED: [&str; 25] = [
     "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -50,6 +50,7 @@ pub const SUPPORTED: [&str; 24] = [
     "KHR_materials_anisotropy",
     "KHR_materials_clearcoat",
     "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
     "KHR_materials_iridescence",
@@ -71,7 +72,6 @@ fn substitute(extension: &str) -> &'static str {
     match extension {
         "EXT_texture_avif" => "the image in another format is read",
         "KHR_materials_diffuse_transmission" => "surfaces are rendered opaque",
-        "KHR_materials_dispersion" => "the medium does not disperse",
         "KHR_node_visibility" => "all nodes are visible",
         "EXT_lights_image_based" => {
             "its prefiltered cube map is left out; `--env FILE` takes the image that it was made of"
