@@ -210,7 +210,7 @@ fn like_layers() -> impl Iterator<Item = Flag> {
 }
 
 /// Most flags of a set that each layer is added to alone, unless all sets are tested.
-const FEW_BESIDE_A_LAYER: usize = 4;
+const FEW_BESIDE_A_LAYER: usize = 3;
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];

@@ -282,8 +282,9 @@ pub fn transmitting() -> Scene {
     scene
 }
 
-/// Returns a ground with a ball below a pane of thin glass, through which a lamp and, if `sun`, a parallel light shine.
-pub fn below_a_pane(sun: bool, tint: Vec3) -> Scene {
+/// Returns a ground with a ball below a pane of thin glass, through which a lamp and a parallel light of
+/// an irradiance shine.
+pub fn below_a_pane(irradiance: f32, tint: Vec3) -> Scene {
     let camera = pinhole(Vec3::new(0.0, 0.6, 2.5), Vec3::new(0.0, -0.25, -1.0), 0.9);
     let mut scene = Scene { cameras: vec![camera], ..Scene::default() };
     add(&mut scene, floor(2.0, 0.0), Material::diffuse("ground", Vec3::new(0.7, 0.6, 0.5)));
@@ -294,10 +295,8 @@ pub fn below_a_pane(sun: bool, tint: Vec3) -> Scene {
     add(&mut scene, floor(2.5, 1.0), pane);
     // The lamp is black, since `path` does not find what the pane reflects of the sun.
     add(&mut scene, inverted(floor(1.0, 1.8)), emitter(0.0, Vec3::splat(4.0), false));
-    if sun {
-        let direction = Vec3::new(0.5, -1.0, -0.3).normalize();
-        scene.lights = vec![Light::Directional { direction, irradiance: Vec3::splat(3.0) }];
-    }
+    let direction = Vec3::new(0.5, -1.0, -0.3).normalize();
+    scene.lights = vec![Light::Directional { direction, irradiance: Vec3::splat(irradiance) }];
     scene
 }
 
