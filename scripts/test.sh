@@ -43,7 +43,7 @@ step cargo fmt --all --check
 step cargo clippy --locked --workspace --all-targets -- -D warnings
 step build_page
 # Software Vulkan leaves out LLVM's optimizations: tests compile many variants of shaders for pictures of few pixels each. The time of
-# the mixes in tests/paths, with a cold cache, is 0.6 of what it is otherwise, that of tests/guard.rs 0.7. Pictures are the same (tests/guard.rs).
+# the mixes in tests/paths, with a cold cache, is 0.6 of what it is otherwise, that of tests/guard.rs 0.7. The pictures of tests/guard.rs and tests/raster hold with it.
 export GALLIVM_PERF=nopt
 # The tests are built first, so that the time of each step tells compiler and tests apart.
 step cargo test --locked --no-run
