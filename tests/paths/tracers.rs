@@ -88,9 +88,7 @@ fn all_tracers_make_the_same_pictures() {
 #[test]
 fn shared_paths_through_glass_do_not_depend_on_the_tracer() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    for (name, scene) in
-        [("mirrors and glass", builtin::load("cornell_spheres").unwrap()), ("rough glass", glass())]
-    {
+    for (name, scene) in [("mirrors and glass", builtin::load("cornell_spheres").unwrap()), ("rough glass", glass())] {
         let [rays, grid] = [Visibility::RayQuery, Visibility::Exact]
             .map(|v| picture(gpu, std::slice::from_ref(&scene), Method::Shared, v));
         let apart = compare(&grid, &rays).unwrap();
