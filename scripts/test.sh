@@ -46,18 +46,11 @@ step build_page
 step cargo test --locked --no-run
 # Most tests compile many variants of shaders for pictures of few pixels each: for them software Vulkan leaves out LLVM's
 # optimizations. With a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs 0.7,
-# but that of tests/raster_statistics.rs, which renders much with few shaders, 1.46.
-rendering=(raster_statistics)
-others=()
-for target in tests/*.rs tests/*/main.rs; do
-    name=${target%/main.rs}
-    name=$(basename "$name" .rs)
-    [[ " ${rendering[*]} " == *" $name "* ]] || others+=(--test "$name")
-done
+# but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
+mapfile -t others < <(cd tests && printf -- '--test=%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vx -- --test=raster_statistics)
 step env GALLIVM_PERF=nopt cargo test --locked --lib --bins "${others[@]}"
-step cargo test --locked "${rendering[@]/#/--test=}"
+step cargo test --locked --test=raster_statistics
 step cargo test --locked --doc
-export GALLIVM_PERF=nopt
 step second_driver
 RUSTDOCFLAGS="-D warnings" step cargo doc --locked --no-deps
 printf '\nAll passed in %d s.\n' "$SECONDS"
