@@ -206,7 +206,14 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
 
 /// Returns the flags that are tested as those of layers are.
 fn like_layers() -> impl Iterator<Item = Flag> {
-    Flag::LAYERS.into_iter().chain([Flag::RoughPlastic, Flag::Beckmann, Flag::Mixes, Flag::Disperses])
+    Flag::LAYERS.into_iter().chain([
+        Flag::Conductors,
+        Flag::Plastics,
+        Flag::RoughPlastic,
+        Flag::Beckmann,
+        Flag::Mixes,
+        Flag::Disperses,
+    ])
 }
 
 /// Most flags of a set that each layer is added to alone, unless all sets are tested.

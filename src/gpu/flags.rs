@@ -50,7 +50,11 @@ flags! {
     Sheen = "SHEEN",
     /// Surfaces have coats.
     Coat = "COAT",
-    /// Diffuse bases lie under rough coats.
+    /// Surfaces are of bare metal (Mitsuba's conductors).
+    Conductors = "CONDUCTORS",
+    /// Diffuse bases lie under dielectric coats (Mitsuba's plastics).
+    Plastics = "PLASTICS",
+    /// Some of these coats are rough. Needs PLASTICS.
     RoughPlastic = "ROUGH_PLASTIC",
     /// Facets have Beckmann's distribution.
     Beckmann = "BECKMANN",

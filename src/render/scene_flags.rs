@@ -16,6 +16,8 @@ pub(super) fn surface_flags(stats: &SceneStats) -> Vec<Flag> {
         (Flag::Disney, stats.disney),
         (Flag::Sheen, stats.sheens),
         (Flag::Coat, stats.coats),
+        (Flag::Conductors, stats.conductors),
+        (Flag::Plastics, stats.plastics),
         (Flag::RoughPlastic, stats.rough_plastic),
         (Flag::Beckmann, stats.beckmann),
         (Flag::Mixes, stats.mixes),

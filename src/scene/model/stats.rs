@@ -59,6 +59,10 @@ pub struct SceneStats {
     pub sheens: bool,
     /// True if any surface has a coat.
     pub coats: bool,
+    /// True if any surface is a [`Bsdf::Conductor`].
+    pub conductors: bool,
+    /// True if any surface is a [`Bsdf::Plastic`].
+    pub plastics: bool,
     /// True if any diffuse base lies under a rough coat.
     pub rough_plastic: bool,
     /// True if any lobe has Beckmann facets.
@@ -149,6 +153,8 @@ impl SceneStats {
             disney: count(&|m| m.any(&|m| m.disney.is_some())) > 0,
             sheens: count(&|m| m.any(&|m| m.sheen.is_some())) > 0,
             coats: count(&|m| m.any(&|m| m.coat.is_some())) > 0,
+            conductors: count(&|m| m.any(&|m| matches!(m.bsdf, Bsdf::Conductor { .. }))) > 0,
+            plastics: count(&|m| m.any(&|m| matches!(m.bsdf, Bsdf::Plastic { .. }))) > 0,
             rough_plastic: count(&|m| m.any(&|m| m.bsdf.rough_coat().is_some())) > 0,
             beckmann: count(&|m| m.any(&|m| m.distribution == Distribution::Beckmann)) > 0,
             mixes: count(&|m| m.mix.is_some()) > 0,
