@@ -494,7 +494,7 @@ fn flags_follow_the_scene() {
     }
     assert_eq!(flags(&SceneStats { masked_triangles: 1, ..one_light() }), [Flag::Masks]);
     let mitsuba = SceneStats { conductors: true, plastics: true, ..glossy };
-    assert_eq!(flags(&mitsuba), [Flag::Glossy, Flag::Conductors, Flag::Plastics, Flag::Specular]);
+    assert_eq!(flags(&mitsuba), [Flag::Glossy, Flag::Specular, Flag::Conductors, Flag::Plastics]);
     let all = SceneStats { texels: 16, vertex_colors: true, glossy_triangles: 1, masked_triangles: 1, ..one_light() };
     let names = [Flag::Textures, Flag::VertexColors, Flag::Glossy, Flag::Masks, Flag::Specular];
     assert_eq!(flags(&all), names);
