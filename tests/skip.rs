@@ -218,7 +218,7 @@ fn features() -> Vec<Feature> {
             "glossy material",
             with(|s| add(s, shelf(), metal(0.0))),
             &["flag GLOSSY", "code ggx_d", "code glossy_eval", "code parts_of"],
-            &["flag GLOSSY", "code ggx_d", "code glossy_eval", "code facet_probability"],
+            &["flag GLOSSY", "code ggx_d", "code glossy_eval", "code selection"],
         ),
         feature(
             "textures",
