@@ -65,6 +65,29 @@ fn fail(arguments: &[&str], what: &str) {
     assert!(text.matches("error: ").count() == 1 && text.contains(what), "{arguments:?}: `{what}` is not in: {text}");
 }
 
+/// Rays of a crop pass blended surfaces where those of the whole picture do.
+#[test]
+fn a_crop_decides_at_blended_surfaces_as_the_whole() {
+    let Some(gpu) = common::gpu() else { return };
+    let mut scene = scene::load("builtin:cornell_point").unwrap();
+    for material in &mut scene.materials {
+        material.opacity = Some(scene::Opacity::Blended { value: 0.5.into() });
+    }
+    for options in ["--visibility-from lists", "--visibility-from grid", "--visibility fast", "--method bdpt"] {
+        let options = options.split_whitespace().chain(["--interleave", "1"]);
+        let settings = Options::try_parse_from(options).unwrap().settings;
+        let film = |crop| {
+            let settings = Settings { crop, width: SIZE[0], height: SIZE[1], ..settings.clone() };
+            let mut renderer = render::open(gpu, &scene, &settings).unwrap();
+            renderer.render(3, &mut |_| true).unwrap();
+            renderer.film().unwrap()
+        };
+        let whole = film(None);
+        assert!(whole.pixels.iter().flatten().any(|&value| value > 0.0), "{settings:?}: is black");
+        assert!(film(Some(CROP)) == whole.cropped(Some(CROP)), "{settings:?}");
+    }
+}
+
 /// The pixels of a crop are those of the whole picture, bit for bit, in every method on a device.
 #[test]
 fn a_crop_has_the_pixels_of_the_whole() {
