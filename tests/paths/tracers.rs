@@ -1,14 +1,15 @@
 //! Pictures by rays through a grid and through a hierarchy are those of ray queries at the same seed.
 
+use glam::Vec3;
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::compare;
 use lightsheaf::render::open;
-use lightsheaf::scene::{Geometry, Opacity, Scene, builtin};
+use lightsheaf::scene::{Geometry, Material, Opacity, Scene, Sides, builtin};
 use lightsheaf::settings::{Method, Settings, Technique, Visibility, VisibilityFrom};
 use lightsheaf::staging::{self, Staging};
 
-use crate::common::scenes::pinhole;
+use crate::common::scenes::{add, pinhole, quad};
 use crate::common::{self, gpu_with_ray_queries};
 use crate::scenes;
 
@@ -37,7 +38,7 @@ fn moving() -> Option<Vec<Scene>> {
     Some(vec![pose(0.0), pose(1.3)])
 }
 
-/// Returns the Cornell box with a blended back wall, of which rays pass a third.
+/// Returns the Cornell box with blended white walls: a third of the rays pass.
 fn blended() -> Scene {
     let mut scene = scenes::cornell("point");
     let mut changed = 0;
@@ -100,17 +101,31 @@ fn shared_paths_through_glass_do_not_depend_on_the_tracer() {
     }
 }
 
-/// Whether a ray passes a blended surface does not depend on what finds the surface: lists of views, or the grid.
+/// Whether a ray passes a blended surface does not depend on what finds the surface: lists of views, or the grid. Rays of
+/// the camera pass the surface, a wall whose back is culled: where two blended triangles meet, the pixels that it rasterizes
+/// may hold either.
 #[test]
 fn lists_and_grid_pass_blended_surfaces_alike() {
     let Some(gpu) = common::gpu() else { return };
+    let mut scene = scenes::cornell("area");
+    let wall = Material {
+        sides: Sides::OneCulled,
+        opacity: Some(Opacity::Blended { value: (2.0 / 3.0).into() }),
+        ..Material::diffuse("front wall", Vec3::splat(0.7))
+    };
+    let front = quad(Vec3::new(1.0, 0.0, 0.99), Vec3::NEG_X * 2.0, Vec3::Y * 2.0);
+    add(&mut scene, front, wall);
     let [lists, grid] = [VisibilityFrom::Lists, VisibilityFrom::Grid].map(|visibility_from| {
         let settings = Settings { visibility_from, width: 64, height: 64, bounces: 2, ..Settings::plain() };
-        common::picture(&mut *open(gpu, &blended(), &settings).unwrap(), 4)
+        common::picture(&mut *open(gpu, &scene, &settings).unwrap(), 4)
     });
     let apart = compare(&grid, &lists).unwrap();
     println!("rel_mse {:.1e}, mean_bias {:+.1e}", apart.rel_mse, apart.mean_bias);
     assert!(apart.rel_mse <= SAME, "{apart:?}");
+    // The wall counts: without it, light leaves the box.
+    let open_box = Settings { width: 64, height: 64, bounces: 2, ..Settings::plain() };
+    let without = common::picture(&mut *open(gpu, &scenes::cornell("area"), &open_box).unwrap(), 4);
+    assert!(compare(&without, &lists).unwrap().rel_mse > 1e3 * SAME);
 }
 
 /// No method needs a device with ray queries.
