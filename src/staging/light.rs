@@ -13,8 +13,7 @@ const SIDE: u32 = 24;
 const SAMPLES: u32 = 32;
 
 /// A pixel is lit if its luminance exceeds this fraction of the luminance at this quantile, and this fraction
-/// of the brightest emission's luminance. The second condition excludes scenes whose only emitters are
-/// details, such as the eyes of a toy.
+/// of the brightest emission's luminance.
 const LIT: f32 = 0.02;
 const BRIGHT: f32 = 0.98;
 const OF_EMITTERS: f32 = 1e-4;
@@ -25,6 +24,11 @@ const GLOW: f32 = 10.0;
 
 /// Least fraction of the visible surfaces that a scene's own light has to illuminate.
 const ENOUGH: f32 = 0.1;
+
+/// The same fractions of emission and surfaces for scenes whose only light is what glows, such as the eyes of a toy: beside
+/// what is white, 1e-3 of it looks black.
+const OF_GLOW: f32 = 1e-3;
+const ENOUGH_GLOW: f32 = 0.25;
 
 /// Least fraction of open directions around the visible points of a room for daylight.
 const OPEN: f32 = 0.002;
@@ -81,7 +85,7 @@ fn emissions(scene: &Scene) -> impl Iterator<Item = Vec3> {
     scene.instances.iter().filter_map(of).map(|emission| emission.radiance.factor).filter(|&r| r != Vec3::ZERO)
 }
 
-/// Returns true if a scene has no light, or its own illuminates less than a tenth of the camera's view.
+/// Returns true if a scene has no light, or its own illuminates too little of the camera's view.
 /// Scenes with an environment are not checked.
 #[must_use]
 pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool {
@@ -97,13 +101,18 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     let settings = ReferenceSettings { width: SIDE, height: SIDE, samples: SAMPLES, bounces, seed: 1, camera: 0 };
     let picture = reference.render(&settings, &|_, _| ()).film;
     let rays = camera::rays(camera, [SIDE, SIDE], [SIDE, SIDE]);
-    // Each entry is none without a hit, otherwise true if the surface at the pixel's centre emits.
+    let brightest = emissions(scene).map(|radiance| radiance.dot(LUMINANCE)).fold(0.0, f32::max);
+    let glows = brightest <= GLOW && scene.lights.iter().all(|light| light.is_black(&scene.patterns));
+    let (of_emitters, share) = if glows { (OF_GLOW, ENOUGH_GLOW) } else { (OF_EMITTERS, ENOUGH) };
+    let visible = of_emitters * brightest.min(GLOW);
+    // Each entry is none without a hit, otherwise true if the surface at the pixel's centre emits more than the noise of a
+    // black texture.
     let emits: Vec<Option<bool>> = rays
         .map(|(origin, direction)| {
-            reference.first_hit(origin, direction).map(|hit| reference.emitted(&hit, direction) != Vec3::ZERO)
+            let hit = reference.first_hit(origin, direction)?;
+            Some(reference.emitted(&hit, direction).dot(LUMINANCE) > visible)
         })
         .collect();
-    let brightest = emissions(scene).map(|radiance| radiance.dot(LUMINANCE)).fold(0.0, f32::max);
     // Pixels beside an emitter may include part of it.
     let beside = |at: usize| {
         let [x, y] = [at as u32 % SIDE, at as u32 / SIDE].map(|at| at.saturating_sub(1)..(at + 2).min(SIDE));
@@ -117,9 +126,9 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     }
     luminances.sort_by(f32::total_cmp);
     let at = |share: f32| luminances[((luminances.len() - 1) as f32 * share) as usize];
-    let enough = (LIT * at(BRIGHT)).max(OF_EMITTERS * brightest.min(GLOW));
+    let enough = if glows { visible } else { visible.max(LIT * at(BRIGHT)) };
     let lit = luminances.iter().filter(|&&l| l > enough).count();
-    (lit as f32) < ENOUGH * luminances.len() as f32
+    (lit as f32) < share * luminances.len() as f32
 }
 
 /// Chooses light for a camera: a lamp in a closed room, sky and sun in a room with openings and for large

@@ -600,6 +600,33 @@ fn sides_and_emission_belong_to_the_shape() {
     assert_eq!((emission.radiance.factor, emission.two_sided), (Vec3::new(1.0, 2.0, 3.0), false));
 }
 
+/// An area emitter may stand outside, if a shape refers to it.
+#[test]
+fn shapes_refer_to_emitters() {
+    let scene = scene(
+        r#"<shape type="rectangle"><ref id="glow"/></shape><shape type="rectangle"/>
+           <emitter type="area" id="glow"><rgb name="radiance" value="1, 2, 3"/></emitter>"#,
+    );
+    let radiance = |i: usize| scene.materials[i].emission.map(|emission| emission.radiance.factor);
+    assert_eq!([radiance(0), radiance(1)], [Some(Vec3::new(1.0, 2.0, 3.0)), None]);
+    assert_eq!((scene.lights.len(), scene.warnings.len()), (0, 0), "{:?}", scene.warnings);
+}
+
+/// Polarizing filters pass half of light that is not polarized; retarders pass all of it.
+#[test]
+fn polarizers_pass_light() {
+    let opacity = |kind: &str, inside: &str| {
+        let scene = scene(&format!(r#"<shape type="rectangle"><bsdf type="{kind}">{inside}</bsdf></shape>"#));
+        assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+        scene.materials[0].opacity.map(|opacity| opacity.value().factor)
+    };
+    let theta = r#"<float name="theta" value="45"/>"#;
+    assert_eq!(opacity("polarizer", theta), Some(0.5));
+    assert_eq!(opacity("circular", r#"<float name="transmittance" value="0.5"/>"#), Some(0.75));
+    assert_eq!(opacity("retarder", theta), Some(0.0));
+    assert!(matches!(bsdf(r#"<bsdf type="pplastic"><float name="alpha" value="0.2"/></bsdf>"#), Bsdf::Plastic { .. }));
+}
+
 /// Saves a 4 x 2 picture: a ramp of reds along the upper row, a half transparent green lower row.
 fn picture(folder: &Path) {
     let texel = |x: u32, y: u32| {
@@ -703,6 +730,16 @@ fn masks_blend() {
     assert_eq!(opacities[3], Opacity::Blended { value: 0.5.into() }, "Mitsuba's default");
     // The warning is for the channel.
     assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+    // An alpha channel without holes says nothing.
+    image::GrayAlphaImage::from_pixel(2, 2, image::LumaA([30, 249])).save(folder.join("grey.png")).unwrap();
+    let scene = scene_in(
+        &folder,
+        "3.0.0",
+        r#"<shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/>
+             <texture name="opacity" type="bitmap"><string name="filename" value="grey.png"/></texture></bsdf></shape>"#,
+    );
+    let Some(Opacity::Blended { value }) = scene.materials[0].opacity else { panic!("{:?}", scene.materials) };
+    assert_eq!((value.texture.unwrap().1, scene.warnings.len()), (0, 0), "{:?}", scene.warnings);
 }
 
 /// A ray is stopped by a mask in a mask with the product of both opacities, also through `twosided`.

@@ -5,10 +5,12 @@
 use crate::common;
 
 use common::scenes::inverted;
-use glam::{Affine3A, Vec3};
+use glam::{Affine2, Affine3A, Vec3};
 use lightsheaf::reference::{Features, Reference, ReferenceSettings};
 use lightsheaf::scene::model::shapes;
-use lightsheaf::scene::{Emission, Instance, Light, Material, Mesh, Scene, Sides};
+use lightsheaf::scene::{
+    Color, Emission, Filter, Image, Instance, Light, Material, Mesh, Scene, Sides, Texture, TextureRef, Wrap,
+};
 use lightsheaf::staging::camera::{self, Subject};
 use lightsheaf::staging::{self, CameraChoice, Staging};
 use lightsheaf::tonemap::{Grade, Tonemap, auto_exposure};
@@ -334,6 +336,17 @@ fn light_that_shows_nothing_is_not_enough() {
         scene
     };
     assert!(with_emitter(1.0, 0.05).environment.is_some(), "an eye on a toy");
+    assert!(with_emitter(1.0, 0.9).environment.is_some(), "a screen that lights nothing else");
+    // Every surface emits, but what its texture has is black, up to rounding.
+    let mut dark = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
+    let black = Image { name: "black".to_owned(), width: 1, height: 1, texels: vec![[1, 1, 1, 255]] };
+    dark.images.push(black);
+    dark.textures.push(Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb: true });
+    let texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY });
+    dark.materials[0].emission =
+        Some(Emission { radiance: Color { factor: Vec3::ONE, texture }, two_sided: false });
+    staging::complete(&mut dark, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    assert!(dark.environment.is_some(), "emission that cannot be seen");
     let mut lit = room(Vec3::new(3.0, 1.4, 4.0), false);
     lit.lights.push(Light::Point { position: Vec3::Y, intensity: Vec3::splat(0.01) });
     staging::complete(&mut lit, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();

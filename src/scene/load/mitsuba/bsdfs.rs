@@ -66,7 +66,7 @@ impl<'a> Loader<'a> {
                         let plain = Material::diffuse("", Vec3::ONE);
                         let bsdf = self.plain(&plugin, kind)?;
                         let distribution = self.distribution(&plugin)?;
-                        let opacity = (kind == "null").then(|| Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
+                        let opacity = self.passed(&plugin, kind)?;
                         let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
                         let anisotropy = self.anisotropy(&plugin)?;
                         Material { bsdf, distribution, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
@@ -244,7 +244,11 @@ impl<'a> Loader<'a> {
                 let alpha = self.alpha(plugin)?;
                 self.dielectric(plugin, alpha)
             }
-            "null" => Ok(Bsdf::Diffuse { reflectance: grey(0.0) }),
+            "pplastic" => {
+                self.warn(format!("{}: `pplastic` is drawn as rough plastic", plugin.element.title()));
+                self.plastic(plugin, true)
+            }
+            "null" | "polarizer" | "circular" | "retarder" => Ok(Bsdf::Diffuse { reflectance: grey(0.0) }),
             _ => {
                 self.warn(format!(
                     "{}: bsdfs of type `{kind}` are not supported; grey 0.5 is drawn instead",
@@ -253,6 +257,23 @@ impl<'a> Loader<'a> {
                 Ok(Bsdf::Diffuse { reflectance: grey(0.5) })
             }
         }
+    }
+
+    /// Returns the opacity of BSDFs that light passes unbent. Polarizing filters pass half of light that is not polarized.
+    fn passed(&mut self, plugin: &Plugin<'a>, kind: &str) -> Result<Option<Opacity>, LoadError> {
+        let share = match kind {
+            "null" => return Ok(Some(Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 })),
+            "polarizer" | "circular" => 0.5,
+            "retarder" => 1.0,
+            _ => return Ok(None),
+        };
+        plugin.ignore(&["theta", "delta", "left_handed", "polarizing"]);
+        self.warn(format!("{}: light is not polarized here", plugin.element.title()));
+        let transmittance = self.scalar_parameter(plugin, "transmittance")?.unwrap_or(1.0.into());
+        if transmittance.texture.is_some() {
+            self.warn(format!("{}: of its transmittance only the factor counts", plugin.element.title()));
+        }
+        Ok(Some(Opacity::Blended { value: (1.0 - share * transmittance.factor).into() }))
     }
 
     /// Converts Mitsuba 0.5's `difftrans`, whose light all passes to the other side.

@@ -1,112 +1,63 @@
-//! Indices of refraction by name: Mitsuba's metals and dielectrics.
-//!
-//! A metal's RGB is its measured spectrum integrated against the observer, as in Mitsuba's RGB mode. Silver,
-//! gold and copper are P. B. Johnson and R. W. Christy, "Optical constants of the noble metals" (1972), about
-//! every second point; aluminium is D. Y. Smith et al. in the CRC Handbook. The other, rarely used metals
-//! have one real part, and the imaginary part follows from the reflectance at normal incidence.
+//! Indices of refraction by name: Mitsuba's conductors and dielectrics.
 
 use glam::Vec3;
 
-use super::spectra;
 use crate::scene::Fresnel;
 
-/// Wavelength in nanometres, real part, imaginary part.
-type Measured = &'static [[f64; 3]];
-
-const SILVER: Measured = &[
-    [397.4, 0.05, 2.07],
-    [413.3, 0.05, 2.275],
-    [430.5, 0.04, 2.462],
-    [450.9, 0.04, 2.657],
-    [471.4, 0.05, 2.869],
-    [495.9, 0.05, 3.093],
-    [520.9, 0.05, 3.324],
-    [548.6, 0.06, 3.586],
-    [582.1, 0.05, 3.858],
-    [616.8, 0.06, 4.152],
-    [659.5, 0.05, 4.483],
-    [704.5, 0.04, 4.838],
-    [756.0, 0.03, 5.242],
-];
-const GOLD: Measured = &[
-    [397.4, 1.47, 1.952],
-    [413.3, 1.46, 1.958],
-    [430.5, 1.45, 1.948],
-    [450.9, 1.38, 1.914],
-    [471.4, 1.31, 1.849],
-    [495.9, 1.04, 1.833],
-    [520.9, 0.62, 2.081],
-    [548.6, 0.43, 2.455],
-    [582.1, 0.29, 2.863],
-    [616.8, 0.21, 3.272],
-    [659.5, 0.14, 3.697],
-    [704.5, 0.13, 4.103],
-    [756.0, 0.14, 4.542],
-];
-const COPPER: Measured = &[
-    [397.4, 1.32, 2.116],
-    [413.3, 1.28, 2.207],
-    [430.5, 1.25, 2.305],
-    [450.9, 1.24, 2.397],
-    [471.4, 1.25, 2.483],
-    [495.9, 1.22, 2.564],
-    [520.9, 1.18, 2.608],
-    [548.6, 1.02, 2.577],
-    [582.1, 0.70, 2.704],
-    [616.8, 0.30, 3.205],
-    [659.5, 0.22, 3.747],
-    [704.5, 0.21, 4.205],
-    [756.0, 0.24, 4.665],
-];
-const ALUMINIUM: Measured = &[
-    [400.0, 0.490, 4.86],
-    [450.0, 0.618, 5.47],
-    [500.0, 0.769, 6.08],
-    [550.0, 0.958, 6.69],
-    [600.0, 1.20, 7.26],
-    [650.0, 1.47, 7.79],
-    [700.0, 1.83, 8.31],
-    [750.0, 2.40, 8.62],
+/// Complex indices of refraction, real and imaginary parts in linear RGB: the spectra that Mitsuba 3 carries, most of them
+/// from E. D. Palik's Handbook of Optical Constants of Solids, as its RGB mode integrates them. White is even energy there,
+/// so that a spectrum that is nearly constant is reddish.
+const CONDUCTORS: [(&str, [f32; 3], [f32; 3]); 40] = [
+    ("a-C", [2.944, 2.227, 1.968], [0.8875, 0.7993, 0.8153]),
+    ("Ag", [0.1553, 0.1167, 0.1384], [4.828, 3.122, 2.147]),
+    ("Al", [1.657, 0.8804, 0.5212], [9.224, 6.269, 4.837]),
+    ("AlAs", [3.605, 3.233, 2.216], [0.0007, 0.0, 0.0075]),
+    ("AlSb", [0.0, 4.139, 4.669], [0.0, 0.094, 1.301]),
+    ("Au", [0.143, 0.3753, 1.442], [3.983, 2.386, 1.603]),
+    ("Be", [4.185, 3.185, 2.784], [3.836, 3.01, 2.869]),
+    ("Cr", [4.37, 2.917, 1.655], [5.207, 4.231, 3.755]),
+    ("CsI", [2.145, 1.702, 1.662], [0.0, 0.0, 0.0]),
+    ("Cu", [0.201, 0.9237, 1.102], [3.913, 2.453, 2.142]),
+    ("Cu2O", [3.552, 2.95, 2.752], [0.1142, 0.1939, 0.6061]),
+    ("CuO", [3.248, 2.448, 2.21], [0.5211, 0.57, 0.7222]),
+    ("d-C", [2.709, 2.319, 2.229], [0.0, 0.0, 0.0]),
+    ("Hg", [2.399, 1.44, 0.9096], [6.328, 4.372, 3.422]),
+    ("HgTe", [4.779, 3.231, 2.66], [1.632, 1.581, 1.729]),
+    ("Ir", [3.086, 2.082, 1.618], [5.592, 4.067, 3.267]),
+    ("K", [0.064, 0.0464, 0.0382], [2.104, 1.349, 0.9131]),
+    ("Li", [0.2658, 0.1956, 0.2209], [3.54, 2.311, 1.669]),
+    ("MgO", [2.09, 1.651, 1.595], [0.0, 0.0, 0.0]),
+    ("Mo", [4.484, 3.525, 2.776], [4.111, 3.421, 3.151]),
+    ("Na", [0.0603, 0.0561, 0.062], [3.179, 2.112, 1.579]),
+    ("Nb", [3.42, 2.79, 2.396], [3.441, 2.738, 2.58]),
+    ("Ni", [2.367, 1.663, 1.467], [4.499, 3.05, 2.345]),
+    ("Rh", [2.586, 1.86, 1.554], [6.782, 4.703, 3.976]),
+    ("Se", [4.058, 2.843, 2.821], [0.754, 0.6384, 0.5218]),
+    ("Se-e", [5.723, 4.166, 4.081], [0.8711, 1.105, 1.565]),
+    ("SiC", [3.172, 2.526, 2.479], [0.0, 0.0, 0.0]),
+    ("SnTe", [4.524, 1.982, 1.282], [0.0, 0.0, 0.0]),
+    ("Ta", [2.063, 2.393, 2.628], [2.408, 1.742, 1.947]),
+    ("Te", [7.39, 4.482, 2.637], [3.256, 3.527, 3.292]),
+    ("Te-e", [7.509, 4.296, 2.37], [5.584, 4.947, 3.998]),
+    ("ThF4", [1.831, 1.442, 1.388], [0.0, 0.0, 0.0]),
+    ("TiC", [3.7, 2.837, 2.582], [3.266, 2.352, 2.173]),
+    ("TiN", [1.648, 1.151, 1.38], [3.368, 1.944, 1.102]),
+    ("TiO2", [3.457, 2.802, 2.905], [0.0001, 0.0, 0.0007]),
+    ("TiO2-e", [3.107, 2.513, 2.582], [0.0, 0.0, 0.0002]),
+    ("V", [4.278, 3.513, 2.761], [3.491, 2.889, 3.111]),
+    ("VC", [3.658, 2.753, 2.533], [3.068, 2.199, 1.963]),
+    ("VN", [2.866, 2.119, 1.94], [3.032, 2.056, 1.616]),
+    ("W", [4.371, 3.3, 2.998], [3.501, 2.605, 2.273]),
 ];
 
-/// Real part and linear RGB reflectance at normal incidence.
-const OTHERS: [(&str, f32, [f32; 3]); 9] = [
-    ("Cr", 3.1, [0.549, 0.556, 0.554]),
-    ("W", 3.5, [0.504, 0.498, 0.478]),
-    ("Ni", 1.9, [0.649, 0.610, 0.541]),
-    ("Ni_palik", 1.9, [0.649, 0.610, 0.541]),
-    ("Ti", 2.7, [0.616, 0.582, 0.544]),
-    ("Ir", 2.3, [0.755, 0.748, 0.730]),
-    ("Rh", 2.0, [0.782, 0.772, 0.757]),
-    ("Hg", 1.6, [0.781, 0.780, 0.778]),
-    ("V", 3.5, [0.518, 0.516, 0.500]),
-];
-
-/// Returns a metal by Mitsuba's name; `none` reflects everything.
+/// Returns a conductor by Mitsuba's name, with or without `_palik`; `none` reflects everything.
 pub(super) fn metal(name: &str) -> Option<Fresnel> {
-    let measured = match name {
-        "none" => return Some(Fresnel::None),
-        "Ag" => SILVER,
-        "Au" => GOLD,
-        "Cu" => COPPER,
-        "Al" => ALUMINIUM,
-        _ => {
-            let (_, n, reflectance) = *OTHERS.iter().find(|(other, ..)| *other == name)?;
-            // The equation R = ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2) is solved for k.
-            let k2 = |r: f32| (r * (n + 1.0).powi(2) - (n - 1.0).powi(2)) / (1.0 - r);
-            let k = Vec3::from_array(reflectance.map(|r| k2(r).max(0.0).sqrt()));
-            return Some(Fresnel::Conductor { eta: Vec3::splat(n), k });
-        }
-    };
-    let part = |index: usize| {
-        let mut pairs: Vec<[f64; 2]> = measured.iter().map(|row| [row[0], row[index]]).collect();
-        // The spectrum is constant beyond the measurements, where the observer's response is close to zero.
-        let (first, last) = (pairs[0][1], pairs[pairs.len() - 1][1]);
-        pairs.insert(0, [360.0, first]);
-        pairs.push([830.0, last]);
-        spectra::integrate(&pairs, spectra::Use::Unbounded)
-    };
-    Some(Fresnel::Conductor { eta: part(1), k: part(2) })
+    if name == "none" {
+        return Some(Fresnel::None);
+    }
+    let name = name.strip_suffix("_palik").unwrap_or(name);
+    let &(_, eta, k) = CONDUCTORS.iter().find(|(other, ..)| *other == name)?;
+    Some(Fresnel::Conductor { eta: Vec3::from(eta), k: Vec3::from(k) })
 }
 
 /// Returns a dielectric's index of refraction by Mitsuba's name, near 589 nm (Hecht, Optics, 4th edition).
@@ -155,11 +106,13 @@ mod tests {
             ("Ag", [0.97, 0.96, 0.92]),
             ("Cu", [0.93, 0.62, 0.53]),
             ("Al", [0.91, 0.92, 0.92]),
-            ("Cr", [0.549, 0.556, 0.554]),
+            ("Cr", [0.62, 0.59, 0.60]),
+            ("a-C", [0.24, 0.19, 0.17]),
         ] {
             let ours = reflectance(name);
             assert!((ours - Vec3::from(expected)).abs().max_element() < 0.08, "{name}: {ours}");
         }
+        assert_eq!(metal("Ni_palik"), metal("Ni"));
         assert_eq!(metal("none"), Some(Fresnel::None));
         assert_eq!(metal("Unobtainium"), None);
     }

@@ -74,9 +74,10 @@ impl<'a> Loader<'a> {
         match element.tag.as_str() {
             "shape" => self.shape(element),
             "sensor" | "camera" => self.sensor(element),
-            "emitter" | "luminaire" => self.emitter(element),
             // These are read when a shape refers to them.
+            "emitter" | "luminaire" if element.plugin() == "area" && element.attribute("id").is_some() => Ok(()),
             "bsdf" | "texture" | "spectrum" | "rgb" | "srgb" => Ok(()),
+            "emitter" | "luminaire" => self.emitter(element),
             "integrator" => {
                 if self.plugin(element)?.boolean("hide_emitters")? == Some(true) {
                     self.warn("hide_emitters is ignored: the camera sees lights and sky");

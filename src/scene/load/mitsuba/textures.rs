@@ -124,7 +124,7 @@ impl<'a> Loader<'a> {
         Ok(Scalar { factor, texture: Some((texture, channel as u32)) })
     }
 
-    /// Returns a mask's opacity: the alpha channel if the image uses it, and the luminance otherwise.
+    /// Returns a mask's opacity: the alpha channel if the image has holes in it, and the luminance otherwise.
     pub(super) fn opacity(&mut self, plugin: &Plugin<'a>) -> Result<Scalar, LoadError> {
         let element = plugin.get("opacity").filter(|e| is_texture(e));
         let Some(element) = element else {
@@ -136,7 +136,7 @@ impl<'a> Loader<'a> {
         {
             let color = self.color_texture(element, Use::Unbounded)?.texture.unwrap_or(texture);
             let image = &self.scene.images[self.scene.textures[color.texture].image];
-            if image.texels.iter().any(|t| t[3] != 255) {
+            if image.texels.iter().any(|t| t[3] < 192) {
                 let warning = format!("the opacity is taken from the alpha channel of `{}`", image.name);
                 self.warn(warning);
                 return Ok(Scalar { factor: 1.0, texture: Some((color, 3)) });
