@@ -44,7 +44,7 @@ flags! {
     Film = "FILM",
     /// Lobes are wider along a tangent than across it. Needs TEXTURES, with which vertices have tangents.
     Anisotropy = "ANISOTROPY",
-    /// Diffuse bases have Disney's sheen or flatness.
+    /// Some bases are Disney's.
     Disney = "DISNEY",
     /// Surfaces have a sheen.
     Sheen = "SHEEN",

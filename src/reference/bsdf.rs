@@ -196,11 +196,18 @@ impl<'s> Bsdf<'s> {
                 let passing = material.diffuse_transmission.map_or((0.0, Vec3::ZERO), |d| {
                     (textures.scalar(&d.share, uvs).clamp(0.0, 1.0), textures.color(&d.color, uvs))
                 });
+                // An opaque surface has no interior. glTF's indices below 1 request full reflection.
+                // One whose base passes light has none that bends light, either.
+                let bend = if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
+                    1.0
+                } else {
+                    beyond(material.iors().map_or(ior.max(1.0), |iors| iors[surface.channel]))
+                };
                 let disney = material.disney.as_ref().map(|disney| {
                     let reflecting = (1.0 - metallic) * (1.0 - passing.0);
                     let kept = reflecting * (1.0 - transmission);
                     let shares = [kept, if sheet { kept } else { reflecting }];
-                    Disney::new(disney, textures, surface, base, shares)
+                    Disney::new(disney, textures, surface, base, if bend < 1.0 { [0.0; 2] } else { shares })
                 });
                 Self::MetallicRoughness {
                     base,
@@ -209,13 +216,7 @@ impl<'s> Bsdf<'s> {
                     f0: (head_on * textures.color(specular_color, uvs)).min(Vec3::ONE) * weight,
                     f90: weight,
                     transmission,
-                    // An opaque surface has no interior. glTF's indices below 1 request full reflection.
-                    // One whose base passes light has none that bends light, either.
-                    bend: if sheet || !material.bsdf.transmits() || material.diffuse_transmission.is_some() {
-                        1.0
-                    } else {
-                        beyond(material.iors().map_or(ior.max(1.0), |iors| iors[surface.channel]))
-                    },
+                    bend,
                     diffuse_transmission: passing,
                     film: material.film.as_ref().map(|film| Film::new(film, textures, surface)),
                     clear,
@@ -311,7 +312,7 @@ impl<'s> Bsdf<'s> {
         let diffuse = match *self {
             Self::Plastic { base, .. } => base * (self.coat_transmittance(wo.z) * self.coat_transmittance(wi.z)),
             Self::MetallicRoughness { disney: Some(disney), .. } => {
-                disney.albedo_of_pair(shares.diffuse, [wo.z, wi.z], h.dot(wo).max(0.0), alpha)
+                disney.albedo_of_pair([wo.z, wi.z], h.dot(wo).max(0.0), alpha)
             }
             _ => shares.diffuse,
         };
@@ -456,7 +457,7 @@ impl<'s> Bsdf<'s> {
     fn expected(&self, shares: Shares, cos: f32) -> Shares {
         match *self {
             Self::MetallicRoughness { disney: Some(disney), alpha, .. } => {
-                Shares { diffuse: disney.albedo(shares.diffuse, cos, alpha), ..shares }
+                Shares { diffuse: disney.albedo(cos, alpha), ..shares }
             }
             _ => shares,
         }
@@ -486,7 +487,16 @@ impl<'s> Bsdf<'s> {
         match *self {
             Self::Diffuse { albedo } => opaque(Vec3::ZERO, albedo),
             Self::MetallicRoughness {
-                base, metallic, f0, f90, transmission, bend, diffuse_transmission, film, ..
+                base,
+                metallic,
+                f0,
+                f90,
+                transmission,
+                bend,
+                diffuse_transmission,
+                film,
+                disney,
+                ..
             } => {
                 // Schlick's approximation takes the cosine in the less dense medium.
                 let thinner = if bend < 1.0 { ggx::refracted_cos(cos, bend) } else { cos };
@@ -500,12 +510,24 @@ impl<'s> Bsdf<'s> {
                 }
                 let below = (1.0 - metallic) * (1.0 - dielectric.max_element());
                 let (share, color) = diffuse_transmission;
-                Shares {
+                // From inside, facets that reflect totally would leave too little for a base.
+                let kept = if bend < 1.0 { 0.0 } else { 1.0 - transmission };
+                let mut shares = Shares {
                     reflected: dielectric + (metal - dielectric) * metallic,
                     passed: base * below * transmission,
-                    diffuse: base * below * ((1.0 - transmission) * (1.0 - share)),
+                    diffuse: base * below * (kept * (1.0 - share)),
                     behind: color * below * ((1.0 - transmission) * share),
+                };
+                if disney.is_some() {
+                    shares.behind = color * ((1.0 - metallic) * (1.0 - transmission) * share);
+                    if bend != 1.0 {
+                        shares.passed = base.map(f32::sqrt) * below * transmission;
+                    }
+                    if bend < 1.0 {
+                        shares.reflected *= (1.0 - metallic) * transmission;
+                    }
                 }
+                shares
             }
             Self::Conductor { fresnel, specular, .. } => {
                 let reflectance = match fresnel {

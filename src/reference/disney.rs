@@ -1,4 +1,4 @@
-//! Sheen and flatness of Disney's BSDF (Burley 2012, 2015) on a diffuse base, in the form of Mitsuba's `principled`.
+//! The base of Disney's BSDF with its sheen (Burley 2012, 2015), in the form of Mitsuba's `principled`.
 
 use std::f32::consts::PI;
 
@@ -10,15 +10,15 @@ use super::surface::Surface;
 use super::texture::Textures;
 use crate::scene;
 
-/// Sheen and flatness after texture look-up. Albedos are pi times BSDFs.
+/// Base and sheen after texture look-up. Albedos are pi times BSDFs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disney {
     /// Colour of the sheen.
     pub sheen: Vec3,
-    /// Blend between the base and flat subsurface scattering.
+    /// Colour of the base.
+    pub base: Vec3,
+    /// Blend between a base that is a little brighter against the light and flat subsurface scattering.
     pub flatness: f32,
-    /// Albedo of the latter.
-    pub flat: Vec3,
 }
 
 impl Disney {
@@ -35,34 +35,31 @@ impl Disney {
         let luminance = base.dot(LUMINANCE);
         let hue = if luminance > 0.0 { base / luminance } else { Vec3::ONE };
         let sheen = textures.scalar(&disney.sheen, surface.uvs) * sheened;
-        Self { sheen: Vec3::ONE.lerp(hue, disney.sheen_tint) * sheen, flatness: disney.flatness, flat: base * kept }
+        Self { sheen: Vec3::ONE.lerp(hue, disney.sheen_tint) * sheen, base: base * kept, flatness: disney.flatness }
     }
 
-    /// Returns the albedo of a base for a pair of directions by their cosines with the normal and with the half vector.
+    /// Returns the albedo for a pair of directions by their cosines with the normal and with the half vector.
     #[must_use]
-    pub fn albedo_of_pair(&self, base: Vec3, [cos_o, cos_i]: [f32; 2], cos_d: f32, alpha: f32) -> Vec3 {
-        self.flattened(base, [cos_o, cos_i], cos_d, alpha) + self.sheen * (PI * schlick_weight(cos_d))
+    pub fn albedo_of_pair(&self, cosines: [f32; 2], cos_d: f32, alpha: f32) -> Vec3 {
+        self.base * base(cosines, cos_d, alpha.sqrt(), self.flatness) + self.sheen * (PI * schlick_weight(cos_d))
     }
 
     /// Returns an estimate of the albedo along a direction.
     #[must_use]
-    pub fn albedo(&self, base: Vec3, cos: f32, alpha: f32) -> Vec3 {
-        self.flattened(base, [cos, cos], cos, alpha) + self.sheen * sheen_albedo(cos)
-    }
-
-    fn flattened(&self, base: Vec3, cosines: [f32; 2], cos_d: f32, alpha: f32) -> Vec3 {
-        if self.flatness == 0.0 {
-            return base;
-        }
-        base.lerp(self.flat * subsurface(cosines, cos_d, alpha.sqrt()), self.flatness)
+    pub fn albedo(&self, cos: f32, alpha: f32) -> Vec3 {
+        self.base * base([cos; 2], cos, alpha.sqrt(), self.flatness) + self.sheen * sheen_albedo(cos)
     }
 }
 
-/// Flat scattering below the surface, after Hanrahan and Krueger 1993, relative to an even one.
-fn subsurface([cos_o, cos_i]: [f32; 2], cos_d: f32, roughness: f32) -> f32 {
-    let grazing = roughness * cos_d * cos_d;
-    let bent = |cos: f32| 1.0 + (grazing - 1.0) * schlick_weight(cos);
-    1.25 * (bent(cos_o) * bent(cos_i) * ((cos_o + cos_i).max(1e-4).recip() - 0.5) + 0.5)
+/// Returns Disney's base relative to an even one: diffuse and retro-reflective, blended with flat scattering below the
+/// surface (after Hanrahan and Krueger 1993).
+fn base(cosines: [f32; 2], cos_d: f32, roughness: f32, flatness: f32) -> f32 {
+    let [o, i] = cosines.map(schlick_weight);
+    let retro = 2.0 * roughness * cos_d * cos_d;
+    let even = (1.0 - 0.5 * o) * (1.0 - 0.5 * i) + retro * (o + i + o * i * (retro - 1.0));
+    let bent = |weight: f32| 1.0 + (0.5 * retro - 1.0) * weight;
+    let flat = 1.25 * (bent(o) * bent(i) * ((cosines[0] + cosines[1]).max(1e-4).recip() - 0.5) + 0.5);
+    even + (flat - even) * flatness
 }
 
 /// Returns nearly the integral of (1 - cos_d)^5 cos_i over the directions of light.

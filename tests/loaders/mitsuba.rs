@@ -464,9 +464,13 @@ fn principled_becomes_the_model_of_gltf() {
     assert_eq!(paint.disney, Some(Disney { sheen: 0.5.into(), sheen_tint: 0.25, flatness: 0.7 }));
     assert!(!car.warnings.iter().any(|w| w.contains("sheen")), "{:?}", car.warnings);
     let plain = scene_with(r#"<bsdf type="principled"><float name="sheen_tint" value="1"/></bsdf>"#);
-    assert_eq!(plain.materials[0].disney, None);
-    let glass = r#"<bsdf type="principled"><float name="sheen" value="1"/><float name="spec_trans" value="1"/></bsdf>"#;
-    assert_eq!(scene_with(glass).materials[0].disney, None, "nothing is left of a base");
+    assert_eq!(plain.materials[0].disney, Some(Disney { sheen: 0.0.into(), sheen_tint: 1.0, flatness: 0.0 }));
+    for (kind, parameter) in [("principled", "metallic"), ("principledthin", "spec_trans")] {
+        let bare = format!(
+            r#"<bsdf type="{kind}"><float name="sheen" value="1"/><float name="{parameter}" value="1"/></bsdf>"#
+        );
+        assert_eq!(scene_with(&bare).materials[0].disney, None, "nothing is left of a base");
+    }
 
     let leaf =
         scene_with(r#"<bsdf type="principledthin"><float name="diff_trans" value="1.2"/></bsdf>"#).materials.remove(0);
@@ -685,6 +689,21 @@ fn a_checkerboard_becomes_four_texels() {
     // 1/8 is 99 in sRGB.
     let [a, b] = [[255, 255, 0, 255], [99, 255, 0, 255]];
     assert_eq!(scene.images[sampler.image].texels, [a, b, b, a]);
+}
+
+/// From version 2 on, a checkerboard of numbers begins with its second one, as Mitsuba evaluates it.
+#[test]
+fn a_checkerboard_of_numbers_begins_with_the_second() {
+    let body = r#"<shape type="rectangle"><bsdf type="mask"><bsdf type="diffuse"/><texture name="opacity" type="checkerboard">
+           <float name="color0" value="1"/><float name="color1" value="0"/></texture></bsdf></shape>"#;
+    for (version, first) in [("3.0.0", 0), ("2.0.0", 0), ("0.6.0", 255)] {
+        let scene = scene_in(&folder(), version, body);
+        let Some(Opacity::Blended { value }) = scene.materials[0].opacity else { panic!("{:?}", scene.materials) };
+        let (texture, channel) = value.texture.unwrap();
+        let cell = (texture.transform.transform_point2(Vec2::splat(0.25)) * 2.0).as_uvec2() % 2;
+        let image = &scene.images[scene.textures[texture.texture].image];
+        assert_eq!(image.texels[(cell.y * 2 + cell.x) as usize][channel as usize], first, "{version}");
+    }
 }
 
 /// Coatings are coats over what they cover; their reflectance at normal incidence follows from their index.

@@ -343,8 +343,7 @@ fn light_that_shows_nothing_is_not_enough() {
     dark.images.push(black);
     dark.textures.push(Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb: true });
     let texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY });
-    dark.materials[0].emission =
-        Some(Emission { radiance: Color { factor: Vec3::ONE, texture }, two_sided: false });
+    dark.materials[0].emission = Some(Emission { radiance: Color { factor: Vec3::ONE, texture }, two_sided: false });
     staging::complete(&mut dark, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
     assert!(dark.environment.is_some(), "emission that cannot be seen");
     let mut lit = room(Vec3::new(3.0, 1.4, 4.0), false);

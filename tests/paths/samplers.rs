@@ -132,6 +132,7 @@ fn bsdfs_are_drawn_as_their_density_says() {
         ("sheen on metal", scenes::velvet(0.4, scenes::conductor(0.3, Fresnel::None))),
         ("sheen under a coat", scenes::coated(0.5, scenes::velvet(0.6, scenes::plastic(0.3)))),
         ("cloth", scenes::cloth(2.0, 0.7, scenes::gltf(0.5, 0.2, 0.0, Boundary::Sheet))),
+        ("cloth on a volume", scenes::cloth(2.0, 0.3, scenes::gltf(0.5, 0.1, 0.6, clear))),
         (
             "translucent cloth under a coat",
             scenes::coated(

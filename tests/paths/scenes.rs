@@ -135,16 +135,16 @@ pub fn sheens() -> Scene {
     scene
 }
 
-/// Returns glTF's material with Disney's sheen and flatness.
+/// Returns glTF's material with Disney's base.
 pub fn cloth(sheen: f32, flatness: f32, material: Material) -> Material {
     let disney = Disney { sheen: sheen.into(), sheen_tint: 0.5, flatness };
     Material { disney: Some(disney), ..material }
 }
 
-/// Returns cloth that is rough and smooth, under a coat, and thin, so that it passes light.
+/// Returns cloth on a volume that passes light, smooth, under a coat, and thin, so that it passes light.
 pub fn cloths() -> Scene {
     let mut scene = balls([
-        cloth(3.0, 0.0, gltf(0.6, 0.0, 0.0, Boundary::Sheet)),
+        cloth(3.0, 0.0, gltf(0.6, 0.0, 0.5, Boundary::Volume { absorption: Vec3::splat(0.5) })),
         cloth(2.0, 0.8, gltf(0.0, 0.3, 0.0, Boundary::Sheet)),
         coated(0.4, cloth(2.0, 1.0, gltf(0.5, 0.0, 0.0, Boundary::Sheet))),
         translucent(0.5, cloth(2.0, 0.5, gltf(0.5, 0.0, 0.3, Boundary::Sheet))),

@@ -115,6 +115,7 @@ fn layers(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Layers {
             atlas.add(scene, texture, OF_ANISOTROPY, 0);
         }
     }
+    out.flatness = -1.0;
     if let Some(disney) = &m.disney {
         out.disney_sheen = atlas.scalar(scene, &disney.sheen, OF_SHEEN_ROUGHNESS).0;
         (out.disney_sheen_tint, out.flatness) = (disney.sheen_tint, disney.flatness);

@@ -301,21 +301,23 @@ impl Sheen {
     pub const MIN_ROUGHNESS: f32 = 0.1;
 }
 
-/// What Disney's BSDF adds to the diffuse base of a [`Bsdf::MetallicRoughness`] (Burley 2012, 2015; Mitsuba's
+/// Disney's base and sheen in place of the diffuse base of a [`Bsdf::MetallicRoughness`] (Burley 2012, 2015; Mitsuba's
 /// `principled`): with the weight F(c) = (1 - c)^5 of Schlick, the cosine d of either direction with the half vector,
 /// the metallic blend m and the base's colour b,
 ///
-/// f = (1 - flatness) f_base + (1 - m) flatness b / pi f_ss + (1 - m) sheen mix(1, b / luminance(b), sheen_tint) F(d)
+/// f = (1 - m) (b / pi mix(f_d, f_ss, flatness) + sheen mix(1, b / luminance(b), sheen_tint) F(d))
 ///
-/// with f_ss = 1.25 (S(cos_i) S(cos_o) (1 / (cos_i + cos_o) - 0.5) + 0.5) and S(c) = mix(1, roughness d^2, F(c)). Of a
-/// surface that transmits the base has its share of f_ss, and of a thin one the sheen, too.
+/// with f_d = (1 - F(cos_i) / 2) (1 - F(cos_o) / 2) + r (F(cos_i) + F(cos_o) + F(cos_i) F(cos_o) (r - 1)), r = 2 roughness
+/// d^2, and f_ss = 1.25 (S(cos_i) S(cos_o) (1 / (cos_i + cos_o) - 0.5) + 0.5), S(c) = mix(1, r / 2, F(c)). What facets
+/// reflect does not dim it. Of a surface that transmits the base has its share, and of a thin one the sheen, too. Light that
+/// passes the boundary of a volume is tinted by the root of b, and facets reflect their share alone from inside.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disney {
     /// Weight of the lobe at grazing angles.
     pub sheen: Scalar,
     /// Share of the base's hue in its colour.
     pub sheen_tint: f32,
-    /// Blend between the base (0) and flat subsurface scattering (1).
+    /// Blend between f_d (0) and flat subsurface scattering f_ss (1).
     pub flatness: f32,
 }
 
@@ -401,7 +403,7 @@ pub struct Material {
     pub film: Option<Film>,
     /// Stretch of the BSDF's lobe; none for a round lobe.
     pub anisotropy: Option<Anisotropy>,
-    /// Disney's sheen and flatness of the base, if any.
+    /// Disney's base, if any.
     pub disney: Option<Disney>,
     /// Fibres on top of it, if any.
     pub sheen: Option<Sheen>,

@@ -53,7 +53,7 @@ pub struct SceneStats {
     pub films: bool,
     /// True if any surface has a stretched lobe.
     pub anisotropic: bool,
-    /// True if any surface has Disney's sheen or flatness.
+    /// True if any surface has Disney's base.
     pub disney: bool,
     /// True if any surface has a sheen.
     pub sheens: bool,

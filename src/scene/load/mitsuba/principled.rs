@@ -1,5 +1,5 @@
-//! Mitsuba's `principled` and `principledthin`, after Disney's BSDF of 2012 and 2015. Base, metal and transmission are
-//! glTF's model, and the clear coat is one of glTF's. Sheen and flatness are Disney's own.
+//! Mitsuba's `principled` and `principledthin`, after Disney's BSDF of 2012 and 2015. Metal and transmission are glTF's
+//! model, and the clear coat is one of glTF's. Base and sheen are Disney's own.
 
 use glam::Vec3;
 
@@ -16,7 +16,7 @@ impl<'a> Loader<'a> {
         let root = (0.08 * specular.unwrap_or(0.5).clamp(0.0, 1.0)).sqrt();
         let missing = if thin { 1.5 } else { (1.0 + root) / (1.0 - root) };
         let ior = plugin.float("eta")?.unwrap_or(missing).max(1.0);
-        let mut base_color = self.color_parameter(plugin, "base_color")?.unwrap_or(Vec3::splat(0.5).into());
+        let base_color = self.color_parameter(plugin, "base_color")?.unwrap_or(Vec3::splat(0.5).into());
         let roughness = self.scalar_parameter(plugin, "roughness")?.unwrap_or(0.5.into());
         let aspect = aspect(plugin, &roughness)?;
         let tint = number(plugin, "spec_tint")?;
@@ -25,20 +25,10 @@ impl<'a> Loader<'a> {
         }
         let specular_color = hue(base_color.factor, tint).into();
         let transmission = self.scalar_parameter(plugin, "spec_trans")?.unwrap_or(0.0.into());
-        if !thin && transmission.factor > 0.0 {
-            // Each crossing is tinted by the root of the colour.
-            if transmission == 1.0.into() && base_color.texture.is_none() {
-                base_color.factor = base_color.factor.powf(0.5);
-            } else {
-                let title = plugin.element.title();
-                self.warn(format!(
-                    "{title}: light that passes is tinted by the base colour at each crossing, not by its root"
-                ));
-            }
-        }
+        let metallic = self.scalar_parameter(plugin, "metallic")?.unwrap_or(0.0.into());
         let bsdf = Bsdf::MetallicRoughness {
             base_color,
-            metallic: self.scalar_parameter(plugin, "metallic")?.unwrap_or(0.0.into()),
+            metallic,
             // The lobe's width across its direction is aspect * roughness^2.
             roughness: Scalar { factor: roughness.factor * aspect.sqrt(), ..roughness },
             ior,
@@ -47,8 +37,8 @@ impl<'a> Loader<'a> {
             specular_color,
             transmission,
         };
-        // Light that all passes meets no base.
-        let has_base = thin || transmission != 1.0.into();
+        // A metal has no base, and light that all passes a thin surface meets none.
+        let has_base = metallic != 1.0.into() && !(thin && transmission == 1.0.into());
         let width = roughness.factor * roughness.factor;
         // Of 2, all light that the base does not reflect passes; 1 is half of it.
         let passing = self.scalar_parameter(plugin, "diff_trans")?.filter(|share| thin && share.factor > 0.0);
@@ -60,7 +50,7 @@ impl<'a> Loader<'a> {
             bsdf,
             diffuse_transmission,
             anisotropy: Anisotropy::of_widths(width / aspect, width * aspect),
-            disney: self.disney(plugin)?.filter(|_| has_base),
+            disney: Some(self.disney(plugin)?).filter(|_| has_base),
             coat: self.disney_coat(plugin)?,
             sides: Sides::One,
             boundary: if thin { Boundary::Sheet } else { Boundary::Volume { absorption: Vec3::ZERO } },
@@ -69,10 +59,9 @@ impl<'a> Loader<'a> {
     }
 
     /// Converts `sheen`, `sheen_tint` and `flatness`.
-    fn disney(&mut self, plugin: &Plugin<'a>) -> Result<Option<Disney>, LoadError> {
+    fn disney(&mut self, plugin: &Plugin<'a>) -> Result<Disney, LoadError> {
         let sheen = self.scalar_parameter(plugin, "sheen")?.unwrap_or(0.0.into());
-        let disney = Disney { sheen, sheen_tint: number(plugin, "sheen_tint")?, flatness: number(plugin, "flatness")? };
-        Ok((sheen.factor > 0.0 || disney.flatness > 0.0).then_some(disney))
+        Ok(Disney { sheen, sheen_tint: number(plugin, "sheen_tint")?, flatness: number(plugin, "flatness")? })
     }
 
     /// Converts `clearcoat`: a quarter of a coat whose width is 0.1 without gloss, and 0.001 with all of it.

@@ -115,13 +115,26 @@ impl<'a> Loader<'a> {
             Some(other) => return Err(element.error(format!("channel is `{other}`; it has to be r, g, b or a"))),
         };
         let color = self.color_texture(element, Use::Unbounded)?;
-        let Some(texture) = color.texture else { return Ok(Scalar::from(luminance(color.factor.to_array()))) };
+        let Some(mut texture) = color.texture else { return Ok(Scalar::from(luminance(color.factor.to_array()))) };
+        if self.innermost(element)?.plugin() == "checkerboard" && !element.legacy {
+            // Where a number is asked for, versions from 2 on (up to 3.9 at least) take color1 where a colour is color0.
+            texture.transform = Affine2::from_translation(Vec2::new(0.5, 0.0)) * texture.transform;
+        }
         let (texture, channel) = match channel {
             Some(channel) => (texture, channel),
             None => (self.luminance_texture(texture), 0),
         };
         let factor = if channel < 3 { color.factor[channel] } else { 1.0 };
         Ok(Scalar { factor, texture: Some((texture, channel as u32)) })
+    }
+
+    /// Returns the texture inside of `scale`s.
+    fn innermost(&self, mut element: &'a Element) -> Result<&'a Element, LoadError> {
+        while element.plugin() == "scale" {
+            let Some(&nested) = self.plugin(element)?.nested("texture").first() else { break };
+            element = nested;
+        }
+        Ok(element)
     }
 
     /// Returns a mask's opacity: the alpha channel if the image has holes in it, and the luminance otherwise.
