@@ -604,6 +604,44 @@ fn sides_and_emission_belong_to_the_shape() {
     assert_eq!((emission.radiance.factor, emission.two_sided), (Vec3::new(1.0, 2.0, 3.0), false));
 }
 
+/// Sides are told by normals, if there are any, and otherwise by the winding.
+#[test]
+fn fronts_are_where_normals_point() {
+    let folder = folder();
+    let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 -1\n";
+    std::fs::write(folder.join("normals.obj"), format!("{corners}f 1//1 2//1 3//1\n")).unwrap();
+    std::fs::write(folder.join("bare.obj"), format!("{corners}f 1 2 3\n")).unwrap();
+    let shape = |name: &str, more: &str| {
+        format!(r#"<shape type="obj"><string name="filename" value="{name}.obj"/>{more}</shape>"#)
+    };
+    for (body, front) in [
+        (shape("normals", ""), -1.0),
+        (shape("normals", r#"<boolean name="face_normals" value="true"/>"#), 1.0),
+        (shape("normals", r#"<boolean name="flip_normals" value="true"/>"#), 1.0),
+        (shape("bare", ""), 1.0),
+    ] {
+        let mesh = &scene_in(&folder, "3.0.0", &body).meshes[0];
+        let [a, b, c] = mesh.triangles[0].map(|i| mesh.positions[i as usize]);
+        let actual = (b - a).cross(c - a).z;
+        assert!((actual - front).abs() < 1e-6, "{actual}, {body}");
+    }
+}
+
+/// What is not read here needs no value, and what version 0.6 lets pass is scaled.
+#[test]
+fn files_of_other_programs_load() {
+    let scene = scene_in(
+        &folder(),
+        "0.6.0",
+        r#"<integrator type="$integrator"><integer name="maxDepth" value="$depth"/></integrator>
+           <sensor type="perspective"><sampler type="independent"><integer name="sampleCount" value="$spp"/></sampler></sensor>
+           <shape type="rectangle"><transform name="toWorld"><rotate x="0" y="0" z="0" angle="0"/></transform>
+           <bsdf type="diffuse"><rgb name="reflectance" value="255 102 0"/></bsdf></shape>"#,
+    );
+    let Bsdf::Diffuse { reflectance } = scene.materials[0].bsdf else { panic!("{:?}", scene.materials) };
+    assert_eq!((reflectance.factor, scene.warnings.len()), (Vec3::new(1.0, 0.4, 0.0), 0), "{:?}", scene.warnings);
+}
+
 /// An area emitter may stand outside, if a shape refers to it.
 #[test]
 fn shapes_refer_to_emitters() {

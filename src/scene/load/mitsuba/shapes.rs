@@ -222,6 +222,7 @@ impl<'a> Loader<'a> {
         if face_normals {
             mesh.normals.clear();
         }
+        face_along_normals(&mut mesh);
         if mesh.normals.is_empty() {
             if mirrored {
                 mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -294,6 +295,21 @@ impl<'a> Loader<'a> {
             }
         }
         Ok(())
+    }
+}
+
+/// Winds triangles so that their fronts are where their normals point, by which Mitsuba tells the sides of a surface. A mesh
+/// without normals keeps its winding.
+fn face_along_normals(mesh: &mut Mesh) {
+    if mesh.normals.is_empty() {
+        return;
+    }
+    for triangle in &mut mesh.triangles {
+        let [a, b, c] = triangle.map(|i| mesh.positions[i as usize]);
+        let normal: Vec3 = triangle.map(|i| mesh.normals[i as usize]).iter().sum();
+        if (b - a).cross(c - a).dot(normal) < 0.0 {
+            triangle.swap(1, 2);
+        }
     }
 }
 

@@ -34,8 +34,9 @@ pub(super) fn color(element: &Element, use_: Use, search: &Search) -> Result<Vec
         ("blackbody", _) => blackbody(element)?,
         (tag, _) => return Err(element.error(format!("<{tag}> is not a colour"))),
     };
-    // A rounding error above 1 is accepted.
+    // A rounding error above 1 is accepted. Versions before 2 scale larger reflectances down.
     match use_ {
+        Use::Reflectance if element.legacy && color.min_element() >= 0.0 => Ok(color / color.max_element().max(1.0)),
         Use::Reflectance if color.min_element() < 0.0 || color.max_element() > 1.001 => {
             Err(element.error(format!("the reflectance {color} does not lie in [0, 1]")))
         }

@@ -186,13 +186,13 @@ fn transform(element: &Element) -> Result<DMat4, LoadError> {
             "translate" => DMat4::from_translation(vector(step, 0.0)?),
             "scale" => DMat4::from_scale(vector(step, 1.0)?),
             "rotate" => {
-                let axis = vector(step, 0.0)?;
-                let Some(axis) = axis.try_normalize() else {
-                    return Err(step.error("the rotation's axis is zero; give x, y or z"));
+                let [angle] = numbers(step, step.required("angle")?)?[..] else {
+                    return Err(step.error("`angle` has to be one number"));
                 };
-                match numbers(step, step.required("angle")?)?[..] {
-                    [angle] => DMat4::from_axis_angle(axis, angle.to_radians()),
-                    _ => return Err(step.error("`angle` has to be one number")),
+                match vector(step, 0.0)?.try_normalize() {
+                    Some(axis) => DMat4::from_axis_angle(axis, angle.to_radians()),
+                    None if angle == 0.0 => DMat4::IDENTITY,
+                    None => return Err(step.error("the rotation's axis is zero; give x, y or z")),
                 }
             }
             "matrix" => matrix(step)?,

@@ -155,10 +155,18 @@ impl Reader<'_> {
         let root = document.root_element();
         let major = root.attribute("version").and_then(|v| v.split('.').next()?.trim().parse::<u32>().ok());
         let source = Source { file: path.into(), line_starts, legacy: major.is_some_and(|v| v < 2) };
-        self.element(root, &source, depth)
+        self.element(root, &source, depth, false)
     }
 
-    fn element(&mut self, node: roxmltree::Node, source: &Source, depth: usize) -> Result<Element, LoadError> {
+    /// Reads an element. Parameters without a value are left as they stand in parts that are `unused` here.
+    fn element(
+        &mut self,
+        node: roxmltree::Node,
+        source: &Source,
+        depth: usize,
+        unused: bool,
+    ) -> Result<Element, LoadError> {
+        let unused = unused || matches!(node.tag_name().name(), "integrator" | "sampler" | "rfilter");
         let mut element = Element {
             tag: match node.tag_name().name() {
                 "lookAt" => "lookat".to_owned(),
@@ -177,11 +185,14 @@ impl Reader<'_> {
             )));
         }
         for attribute in node.attributes() {
-            let value = self.substitute(attribute.value()).map_err(|cause| element.error(cause))?;
+            let value = match self.substitute(attribute.value()) {
+                Err(_) if unused => attribute.value().to_owned(),
+                value => value.map_err(|cause| element.error(cause))?,
+            };
             element.attributes.push((attribute.name().to_owned(), value));
         }
         for child in node.children().filter(roxmltree::Node::is_element) {
-            let child = self.element(child, source, depth + 1)?;
+            let child = self.element(child, source, depth + 1, unused)?;
             match child.tag.as_str() {
                 "default" => self.default(&child)?,
                 "include" => element.children.extend(self.include(&child, depth)?),
