@@ -61,6 +61,7 @@ pub fn scene_hash(scene: &Scene) -> String {
         viewpoint,
         warnings: _,
         notes: _,
+        says_its_light: _,
     } = scene;
     let mut hash = Hash(Sha256::new());
     for image in images {

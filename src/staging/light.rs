@@ -85,8 +85,8 @@ fn emissions(scene: &Scene) -> impl Iterator<Item = Vec3> {
     scene.instances.iter().filter_map(of).map(|emission| emission.radiance.factor).filter(|&r| r != Vec3::ZERO)
 }
 
-/// Returns true if a scene has no light, or its own illuminates too little of the camera's view.
-/// Scenes with an environment are not checked.
+/// Returns true if a scene has no light, or its own illuminates too little of the camera's view. Scenes with an
+/// environment, and those whose format says their light, are not checked.
 #[must_use]
 pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool {
     if scene.environment.is_some() {
@@ -94,6 +94,9 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     }
     if !emits_light(scene) {
         return true;
+    }
+    if scene.says_its_light {
+        return false;
     }
     reference.look(camera.clone());
     // Light of a lamp behind glass has passed two surfaces when it is first reflected.

@@ -557,7 +557,11 @@ fn glass_becomes_the_model() {
     let thin = material(r#"<bsdf type="thindielectric"><float name="int_ior" value="1.8"/></bsdf>"#);
     assert_eq!(thin.boundary, Boundary::Sheet);
     assert!(matches!(thin.bsdf, Bsdf::Dielectric { eta, .. } if (eta - 1.8 / 1.000_277).abs() < 1e-6));
-    // Glass has holes only from a mask; `null` is all hole.
+    // Glass has holes only from a mask, unless it is of the index around it; `null` is all hole.
+    let air = r#"<string name="int_ior" value="air"/><string name="ext_ior" value="air"/>"#;
+    let opacity = |inside: &str| material(&format!(r#"<bsdf type="dielectric">{air}{inside}</bsdf>"#)).opacity;
+    assert_eq!(opacity("").map(|o| o.value().factor), Some(0.0));
+    assert_eq!(opacity(r#"<rgb name="specular_transmittance" value="0.5"/>"#), None);
     assert_eq!(material(r#"<bsdf type="null"/>"#).opacity.map(|o| o.value().factor), Some(0.0));
     let masked = material(r#"<bsdf type="mask"><float name="opacity" value="1"/><bsdf type="dielectric"/></bsdf>"#);
     assert_eq!(masked.opacity, Some(Opacity::Blended { value: 1.0.into() }));

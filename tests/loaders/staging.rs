@@ -337,6 +337,14 @@ fn light_that_shows_nothing_is_not_enough() {
     };
     assert!(with_emitter(1.0, 0.05).environment.is_some(), "an eye on a toy");
     assert!(with_emitter(1.0, 0.9).environment.is_some(), "a screen that lights nothing else");
+    // A format that says its light means it.
+    let mut dim = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
+    dim.says_its_light = true;
+    let emission = Some(Emission { radiance: Vec3::ONE.into(), two_sided: true });
+    let eye = shapes::quad(Vec3::new(-0.05, -0.05, 1.001), Vec3::X * 0.1, Vec3::Y * 0.1);
+    shapes::add(&mut dim, eye, Material { emission, ..matte(Sides::Two) });
+    staging::complete(&mut dim, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    assert!(dim.environment.is_none());
     // Every surface emits, but what its texture has is black, up to rounding.
     let mut dark = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
     let black = Image { name: "black".to_owned(), width: 1, height: 1, texels: vec![[1, 1, 1, 255]] };

@@ -42,6 +42,8 @@ pub struct Scene {
     pub patterns: Vec<Pattern>,
     /// Environment light, if any.
     pub environment: Option<Environment>,
+    /// True if its format says all the light that there is, as Mitsuba's does. Viewers of glTF light what has little.
+    pub says_its_light: bool,
     /// Cameras. There is at least one after staging; the first is the default.
     pub cameras: Vec<Camera>,
     /// Animated parts, if the file has animations; the scene itself is in its rest pose.

@@ -66,7 +66,7 @@ impl<'a> Loader<'a> {
                         let plain = Material::diffuse("", Vec3::ONE);
                         let bsdf = self.plain(&plugin, kind)?;
                         let distribution = self.distribution(&plugin)?;
-                        let opacity = self.passed(&plugin, kind)?;
+                        let opacity = self.passed(&plugin, kind, &bsdf)?;
                         let boundary = if kind == "thindielectric" { Boundary::Sheet } else { plain.boundary };
                         let anisotropy = self.anisotropy(&plugin)?;
                         Material { bsdf, distribution, anisotropy, opacity, boundary, sides: Sides::One, ..plain }
@@ -260,9 +260,15 @@ impl<'a> Loader<'a> {
     }
 
     /// Returns the opacity of BSDFs that light passes unbent. Polarizing filters pass half of light that is not polarized.
-    fn passed(&mut self, plugin: &Plugin<'a>, kind: &str) -> Result<Option<Opacity>, LoadError> {
+    /// Nothing is seen of glass between media of one index.
+    fn passed(&mut self, plugin: &Plugin<'a>, kind: &str, bsdf: &Bsdf) -> Result<Option<Opacity>, LoadError> {
+        let nothing = Some(Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 });
         let share = match kind {
-            "null" => return Ok(Some(Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 })),
+            "null" => return Ok(nothing),
+            "dielectric" | "roughdielectric" | "thindielectric" if matches!(bsdf, Bsdf::Dielectric { eta: 1.0, transmission, .. } if *transmission == grey(1.0)) =>
+            {
+                return Ok(nothing);
+            }
             "polarizer" | "circular" => 0.5,
             "retarder" => 1.0,
             _ => return Ok(None),

@@ -42,7 +42,7 @@ pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     let mut loader = Loader {
         ids: xml::ids(&root)?,
         search,
-        scene: Scene { name: path.display().to_string(), ..Scene::default() },
+        scene: Scene { name: path.display().to_string(), says_its_light: true, ..Scene::default() },
         materials: HashMap::new(),
         images: HashMap::new(),
         groups: HashMap::new(),
