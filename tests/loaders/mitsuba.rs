@@ -608,6 +608,42 @@ fn sides_and_emission_belong_to_the_shape() {
     assert_eq!((emission.radiance.factor, emission.two_sided), (Vec3::new(1.0, 2.0, 3.0), false));
 }
 
+/// Vertex colours count where a texture names them.
+#[test]
+fn vertex_colours_are_read_by_name() {
+    let folder = folder();
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property float r\nproperty float g\nproperty float b\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n";
+    std::fs::write(folder.join("red.ply"), format!("{header}0 0 0 1 0 0\n1 0 0 1 0 0\n0 1 0 1 0 0\n3 0 1 2\n"))
+        .unwrap();
+    let shape = |attribute: &str| {
+        let texture = format!(
+            r#"<texture name="reflectance" type="mesh_attribute"><string name="name" value="{attribute}"/></texture>"#
+        );
+        format!(
+            r#"<shape type="ply"><string name="filename" value="red.ply"/><bsdf type="diffuse">{texture}</bsdf></shape>"#
+        )
+    };
+    let scene = scene_in(&folder, "3.0.0", &format!("{}{}", shape("vertex_color"), shape("face_color")));
+    assert_eq!(scene.meshes[0].colors[0].truncate(), Vec3::X);
+    assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { reflectance } if reflectance == Vec3::ONE.into()));
+    assert!(scene.meshes[1].colors.is_empty() && scene.warnings.iter().any(|w| w.contains("mesh_attribute")));
+}
+
+/// An axis of another length than 1 shears from version 2 on.
+#[test]
+fn axes_have_the_length_that_they_have() {
+    let extent = |version: &str| {
+        let body = r#"<shape type="rectangle"><transform name="to_world"><rotate y="1" z="1" angle="15"/></transform></shape>"#;
+        let body = if version == "0.6.0" { body.replace("to_world", "toWorld") } else { body.to_owned() };
+        scene_in(&folder(), version, &body).instances[0].world_from_local.transform_vector3(Vec3::Y)
+    };
+    // Mitsuba 3.9.1's matrix.
+    assert!(close(extent("3.0.0"), Vec3::new(-0.258_819, 1.0, 0.034_074_2), 1e-5));
+    assert!((extent("0.6.0").length() - 1.0).abs() < 1e-5);
+}
+
 /// Sides are told by normals, if there are any, and otherwise by the winding.
 #[test]
 fn fronts_are_where_normals_point() {

@@ -24,7 +24,7 @@ mod textures;
 mod values;
 mod xml;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 use crate::scene::load::files::Files;
@@ -46,14 +46,19 @@ pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         materials: HashMap::new(),
         images: HashMap::new(),
         groups: HashMap::new(),
+        has_vertex_colors: false,
+        vertex_colored: HashSet::new(),
         triangles: 0,
     };
     for element in &root.children {
         loader.top_level(element)?;
     }
-    // Mitsuba's materials use vertex colours only if a texture refers to them by name.
-    loader.scene.meshes.iter_mut().for_each(|mesh| mesh.colors.clear());
-    Ok(loader.scene)
+    let Loader { mut scene, vertex_colored, .. } = loader;
+    // Materials use vertex colours only if a texture refers to them by name.
+    for mesh in scene.meshes.iter_mut().filter(|mesh| !vertex_colored.contains(&mesh.material)) {
+        mesh.colors.clear();
+    }
+    Ok(scene)
 }
 
 /// State of the loader. Elements are identified by their address.
@@ -65,6 +70,10 @@ struct Loader<'a> {
     materials: HashMap<[Option<*const Element>; 2], shapes::ShapeMaterial>,
     images: HashMap<PathBuf, usize>,
     groups: HashMap<*const Element, Vec<Instance>>,
+    /// True if the BSDF that is being converted refers to vertex colours.
+    has_vertex_colors: bool,
+    /// Materials that refer to them.
+    vertex_colored: HashSet<usize>,
     /// Number of world-space triangles, counted once per instance.
     triangles: usize,
 }

@@ -125,7 +125,7 @@ fn smallest(element: &ElementDef, encoding: Encoding) -> usize {
 }
 
 const UV_NAMES: [[&str; 2]; 3] = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
-const COLOR_NAMES: [[&str; 3]; 2] = [["red", "green", "blue"], ["r", "g", "b"]];
+const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["r", "g", "b"], ["color_0", "color_1", "color_2"]];
 
 struct Vertex {
     position: Vec3,
@@ -156,9 +156,9 @@ impl PropertyAccess for Vertex {
             "nz" => self.normal.z = value,
             "u" | "s" | "texture_u" => self.uv.x = value,
             "v" | "t" | "texture_v" => self.uv.y = value,
-            "red" | "r" => self.color.x = value / full,
-            "green" | "g" => self.color.y = value / full,
-            "blue" | "b" => self.color.z = value / full,
+            "red" | "r" | "color_0" => self.color.x = value / full,
+            "green" | "g" | "color_1" => self.color.y = value / full,
+            "blue" | "b" | "color_2" => self.color.z = value / full,
             _ => return PropertyAccessResult::Ignored,
         }
         PropertyAccessResult::Set

@@ -247,6 +247,7 @@ impl<'a> Loader<'a> {
     ) -> Result<(), LoadError> {
         let key = [bsdf, emitter].map(|e| e.map(std::ptr::from_ref));
         if !self.materials.contains_key(&key) {
+            self.has_vertex_colors = false;
             let mut surface = match bsdf {
                 Some(bsdf) => self.surface(bsdf)?,
                 None => default_surface(emitter.is_some()),
@@ -258,7 +259,11 @@ impl<'a> Loader<'a> {
                 ShapeMaterial::Bumped(Box::new(surface))
             } else {
                 self.scene.materials.push(surface.material);
-                ShapeMaterial::Ready(self.scene.materials.len() - 1, surface.basis)
+                let index = self.scene.materials.len() - 1;
+                if self.has_vertex_colors {
+                    self.vertex_colored.insert(index);
+                }
+                ShapeMaterial::Ready(index, surface.basis)
             };
             self.materials.insert(key, ready);
         }

@@ -83,6 +83,17 @@ impl<'a> Loader<'a> {
                     self.texture(Texture { image, wrap: [Wrap::Repeat; 2], filter: Filter::Nearest, srgb: true });
                 Color { factor, texture: Some(TextureRef { transform, ..texture }) }
             }
+            // One that is referred to has no name of its own here; it is taken for a diffuse colour.
+            "mesh_attribute"
+                if plugin.string("name")? == Some("vertex_color")
+                    && matches!(
+                        element.attribute("name"),
+                        None | Some("reflectance" | "diffuse_reflectance" | "base_color")
+                    ) =>
+            {
+                self.has_vertex_colors = true;
+                Color::from(Vec3::ONE)
+            }
             "scale" => {
                 let nested = plugin.nested("texture");
                 let Some(nested) = nested.first() else {

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::collections::HashMap;
 
-use glam::{DMat4, DVec3, Vec3};
+use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use super::spectra;
 use super::xml::{Element, Search};
@@ -189,11 +189,12 @@ fn transform(element: &Element) -> Result<DMat4, LoadError> {
                 let [angle] = numbers(step, step.required("angle")?)?[..] else {
                     return Err(step.error("`angle` has to be one number"));
                 };
-                match vector(step, 0.0)?.try_normalize() {
-                    Some(axis) => DMat4::from_axis_angle(axis, angle.to_radians()),
-                    None if angle == 0.0 => DMat4::IDENTITY,
-                    None => return Err(step.error("the rotation's axis is zero; give x, y or z")),
+                let axis = vector(step, 0.0)?;
+                let unit = axis.normalize_or_zero();
+                if unit == DVec3::ZERO && angle != 0.0 {
+                    return Err(step.error("the rotation's axis is zero; give x, y or z"));
                 }
+                rotation(if step.legacy { unit } else { axis }, angle.to_radians())
             }
             "matrix" => matrix(step)?,
             "lookat" => look_at(step)?,
@@ -206,6 +207,14 @@ fn transform(element: &Element) -> Result<DMat4, LoadError> {
         return Err(element.error("the transform overflows"));
     }
     Ok(out)
+}
+
+/// Returns a rotation. Of an axis that has not the length 1, from version 2 on, Mitsuba's shear is kept: it applies
+/// cos(a) 1 + sin(a) [axis x] + (1 - cos(a)) axis axis^T as it stands.
+fn rotation(axis: DVec3, angle: f64) -> DMat4 {
+    let (sin, cos) = angle.sin_cos();
+    let column = |e: DVec3| e * cos + axis.cross(e) * sin + axis * (axis.dot(e) * (1.0 - cos));
+    DMat4::from_mat3(DMat3::from_cols(column(DVec3::X), column(DVec3::Y), column(DVec3::Z)))
 }
 
 fn matrix(element: &Element) -> Result<DMat4, LoadError> {
