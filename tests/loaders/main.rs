@@ -7,6 +7,7 @@ mod builtin;
 mod bytes;
 mod compression;
 mod gltf;
+mod meshes;
 mod metrics;
 mod mitsuba;
 mod staging;

@@ -13,6 +13,7 @@ pub mod environment;
 pub mod files;
 pub mod gltf;
 pub mod ies;
+pub mod meshes;
 pub mod mitsuba;
 pub mod sky;
 pub mod studio;
@@ -27,16 +28,26 @@ pub struct Format {
 }
 
 /// All kinds of scene files.
-pub const FORMATS: [Format; 2] = [
+pub const FORMATS: [Format; 4] = [
     Format { endings: &["gltf", "glb"], about: "glTF 2.0, data embedded or in files beside it", load: gltf::load },
     Format {
         endings: &["xml"],
         about: "Mitsuba 0.5, 0.6, 2 and 3",
         load: |path, variant, files| no_variants(path, variant).and_then(|()| mitsuba::load(path, files)),
     },
+    Format {
+        endings: &["obj"],
+        about: "Wavefront OBJ with its materials",
+        load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_obj(path, files)),
+    },
+    Format {
+        endings: &["ply"],
+        about: "PLY with its vertex colours",
+        load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_ply(path, files)),
+    },
 ];
 
-/// Returns the endings of all scene files: `.gltf, .glb, .xml`.
+/// Returns the endings of all scene files: `.gltf, .glb, .xml, .obj, .ply`.
 #[must_use]
 pub fn endings() -> String {
     let endings = FORMATS.iter().flat_map(|format| format.endings);

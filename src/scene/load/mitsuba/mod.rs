@@ -12,8 +12,6 @@ mod bsdfs;
 mod emitters;
 mod metals;
 mod mixes;
-mod obj;
-mod ply;
 mod principled;
 mod sensors;
 mod serialized;

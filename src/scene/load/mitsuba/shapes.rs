@@ -9,7 +9,8 @@ use glam::{Affine2, Affine3A, DMat4, DVec3, Mat3A, Vec3};
 use super::bsdfs::{NormalMapBasis, Surface};
 use super::values::Plugin;
 use super::xml::Element;
-use super::{Loader, obj, ply, serialized};
+use super::{Loader, serialized};
+use crate::scene::load::meshes::{face_along_normals, obj, ply, subset};
 use crate::scene::model::normals::smooth_normals;
 use crate::scene::model::shapes::{cube, cylinder, disk, rectangle, sphere};
 use crate::scene::model::tangents;
@@ -156,14 +157,8 @@ impl<'a> Loader<'a> {
         }
         let fallback = bsdfs.iter().find(|(name, _)| name.is_none()).or(bsdfs.first()).map(|&(_, bsdf)| bsdf);
         let mut parts: Vec<(Option<&'a Element>, Vec<[u32; 3]>)> = Vec::new();
-        let ends = materials.iter().skip(1).map(|m| m.1).chain([mesh.triangles.len()]);
-        let unnamed = [(String::new(), 0)];
-        let ranges = unnamed.iter().zip([materials[0].1]).chain(materials.iter().zip(ends));
-        for ((name, start), end) in ranges {
-            if *start == end {
-                continue;
-            }
-            let bsdf = match bsdfs.iter().find(|(n, _)| *n == Some(name.as_str())) {
+        for (name, triangles) in obj::parts(&mesh, materials) {
+            let bsdf = match bsdfs.iter().find(|(n, _)| *n == Some(name)) {
                 Some(&(_, bsdf)) => Some(bsdf),
                 None => {
                     self.warn(format!(
@@ -173,10 +168,9 @@ impl<'a> Loader<'a> {
                     fallback
                 }
             };
-            let triangles = &mesh.triangles[*start..end];
             match parts.iter_mut().find(|(b, _)| b.map(std::ptr::from_ref) == bsdf.map(std::ptr::from_ref)) {
                 Some((_, part)) => part.extend(triangles),
-                None => parts.push((bsdf, triangles.to_vec())),
+                None => parts.push((bsdf, triangles)),
             }
         }
         Ok(parts.into_iter().map(|(bsdf, triangles)| (bsdf, subset(&mesh, &triangles))).collect())
@@ -194,9 +188,9 @@ impl<'a> Loader<'a> {
         let mut materials = Vec::new();
         let (mut mesh, flat) = match kind {
             "obj" => {
-                let (mesh, named) = obj::parse(&path, &bytes)?;
-                materials = named;
-                (mesh, false)
+                let parsed = obj::parse(&path, &bytes)?;
+                materials = parsed.materials;
+                (parsed.mesh, false)
             }
             "ply" => (ply::parse(&path, &bytes)?, false),
             _ => {
@@ -303,21 +297,6 @@ impl<'a> Loader<'a> {
     }
 }
 
-/// Winds triangles so that their fronts are where their normals point, by which Mitsuba tells the sides of a surface. A mesh
-/// without normals keeps its winding.
-fn face_along_normals(mesh: &mut Mesh) {
-    if mesh.normals.is_empty() {
-        return;
-    }
-    for triangle in &mut mesh.triangles {
-        let [a, b, c] = triangle.map(|i| mesh.positions[i as usize]);
-        let normal: Vec3 = triangle.map(|i| mesh.normals[i as usize]).iter().sum();
-        if (b - a).cross(c - a).dot(normal) < 0.0 {
-            triangle.swap(1, 2);
-        }
-    }
-}
-
 /// Returns Mitsuba's default for a shape without BSDF.
 fn default_surface(emitter: bool) -> Surface {
     let reflectance = Color::from(Vec3::splat(if emitter { 0.0 } else { 0.5 }));
@@ -337,24 +316,6 @@ fn affine(element: &Element, to_world: Option<DMat4>) -> Result<Affine3A, LoadEr
 fn turn_inside_out(mesh: &mut Mesh) {
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     mesh.normals.iter_mut().for_each(|n| *n = -*n);
-}
-
-/// Returns some of a mesh's triangles with the vertices that they use.
-fn subset(mesh: &Mesh, triangles: &[[u32; 3]]) -> Mesh {
-    let mut places = vec![u32::MAX; mesh.positions.len()];
-    let mut used: Vec<u32> = Vec::new();
-    let mut place = |i: u32| {
-        let slot = &mut places[i as usize];
-        if *slot == u32::MAX {
-            *slot = used.len() as u32;
-            used.push(i);
-        }
-        *slot
-    };
-    let triangles = triangles.iter().map(|t| t.map(&mut place)).collect();
-    let mut part = mesh.clone();
-    tangents::select(&mut part, &used);
-    Mesh { triangles, ..part }
 }
 
 /// Returns the metres per unit of uv: the square root of the ratio of the areas.

@@ -1,5 +1,4 @@
-//! OBJ meshes: positions, normals, texture coordinates, polygons and the names of their materials, whose
-//! files are not read.
+//! OBJ meshes: positions, normals, texture coordinates, polygons and the names of their materials.
 //!
 //! This is not a crate's parser, so that every error names its line and corners may omit attributes that
 //! others have.
@@ -14,18 +13,45 @@ use crate::scene::{LoadError, Mesh};
 /// Position, texture coordinate and normal index of a corner.
 type Corner = [Option<u32>; 3];
 
+/// What an OBJ file holds.
+pub(in crate::scene::load) struct Parsed {
+    /// All of its triangles.
+    pub mesh: Mesh,
+    /// Names of materials, each with its first triangle; a material extends to the next one's first triangle.
+    pub materials: Vec<(String, usize)>,
+    /// Names of material files.
+    pub libraries: Vec<String>,
+}
+
+/// Returns the triangles of each material by its name, which is empty for those before the first one.
+pub(in crate::scene::load) fn parts<'m>(
+    mesh: &Mesh,
+    materials: &'m [(String, usize)],
+) -> Vec<(&'m str, Vec<[u32; 3]>)> {
+    let first = materials.first().map_or(mesh.triangles.len(), |m| m.1);
+    let ends = materials.iter().skip(1).map(|m| m.1).chain([mesh.triangles.len()]);
+    let ranges = materials.iter().zip(ends).map(|((name, start), end)| (name.as_str(), *start..end));
+    let mut parts: Vec<(&str, Vec<[u32; 3]>)> = Vec::new();
+    for (name, range) in std::iter::once(("", 0..first)).chain(ranges).filter(|(_, range)| !range.is_empty()) {
+        let triangles = &mesh.triangles[range];
+        match parts.iter_mut().find(|(other, _)| *other == name) {
+            Some((_, part)) => part.extend(triangles),
+            None => parts.push((name, triangles.to_vec())),
+        }
+    }
+    parts
+}
+
 /// Parses a mesh; v points up as in the file. Polygons are split into fans.
 ///
-/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero. The result
-/// includes the material names, each with its first triangle; a material extends to the next one's first
-/// triangle.
-pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
+/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero.
+pub(in crate::scene::load) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     let mut corners: Vec<Corner> = Vec::new();
     let mut vertices: HashMap<Corner, u32> = HashMap::new();
     let mut mesh = Mesh::default();
     let mut polygon: Vec<u32> = Vec::new();
-    let mut materials = Vec::new();
+    let (mut materials, mut libraries) = (Vec::new(), Vec::new());
     for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
         let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
         // Names may be in any encoding; numbers are ASCII.
@@ -72,6 +98,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Mesh, Vec<(String, usi
                 mesh.triangles.extend(polygon[1..].windows(2).map(|pair| [polygon[0], pair[0], pair[1]]));
             }
             Some("usemtl") => materials.push((words.collect::<Vec<_>>().join(" "), mesh.triangles.len())),
+            Some("mtllib") => libraries.push(words.collect::<Vec<_>>().join(" ")),
             _ => {}
         }
     }
@@ -83,7 +110,7 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Mesh, Vec<(String, usi
     if !corners.is_empty() && corners.iter().all(|c| c[2].is_some()) {
         mesh.normals = corners.iter().filter_map(|c| c[2].map(|i| normals[i as usize])).collect();
     }
-    Ok((mesh, materials))
+    Ok(Parsed { mesh, materials, libraries })
 }
 
 /// Parses `position/uv/normal` with one-based indices, of which negative ones count back from the latest.

@@ -1,0 +1,102 @@
+//! Meshes, as files of their own and as parts of scenes: Wavefront OBJ with its materials, and PLY.
+//!
+//! As scenes they have neither cameras nor, mostly, light, which staging adds. Their surfaces have two sides, since programs
+//! wind triangles either way.
+
+use std::path::Path;
+
+use glam::{Affine3A, Vec3};
+
+use super::files::Files;
+use crate::scene::model::normals::smooth_normals;
+use crate::scene::model::tangents;
+use crate::scene::{Instance, LoadError, Material, Mesh, Scene, Sides};
+
+mod mtl;
+pub(super) mod obj;
+pub(super) mod ply;
+
+/// Reflectance of surfaces whose file says nothing of it.
+const GREY: f32 = 0.6;
+
+/// Loads an OBJ file with the materials and textures that it refers to. What it refers to and is not there is a warning.
+///
+/// # Errors
+/// A file that is missing or malformed is an error with its line.
+pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
+    let obj::Parsed { mut mesh, materials, libraries } = obj::parse(path, &files.read(path)?)?;
+    // v points up in the file.
+    mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    face_along_normals(&mut mesh);
+    let mut scene = Scene::default();
+    let mut library = mtl::Library::default();
+    for name in &libraries {
+        library.read(path, name, files, &mut scene)?;
+    }
+    for (name, triangles) in obj::parts(&mesh, &materials) {
+        let material = library.material(name, files, &mut scene);
+        let part = if triangles.len() == mesh.triangles.len() { mesh.clone() } else { subset(&mesh, &triangles) };
+        add(&mut scene, Mesh { name: name.to_owned(), material, ..part });
+    }
+    Ok(scene)
+}
+
+/// Loads a PLY file with its vertex colours. Without normals it is smooth.
+///
+/// # Errors
+/// A file that is missing or malformed is an error with its place.
+pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
+    let mut mesh = ply::parse(path, &files.read(path)?)?;
+    if mesh.normals.is_empty() {
+        mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
+    }
+    face_along_normals(&mut mesh);
+    let mut scene = Scene::default();
+    let reflectance = if mesh.colors.is_empty() { GREY } else { 1.0 };
+    scene.materials.push(plain("mesh", Vec3::splat(reflectance)));
+    add(&mut scene, mesh);
+    Ok(scene)
+}
+
+fn plain(name: &str, reflectance: Vec3) -> Material {
+    Material { sides: Sides::Two, ..Material::diffuse(name, reflectance) }
+}
+
+fn add(scene: &mut Scene, mesh: Mesh) {
+    if !mesh.triangles.is_empty() {
+        scene.meshes.push(mesh);
+        scene.instances.push(Instance { mesh: scene.meshes.len() - 1, world_from_local: Affine3A::IDENTITY });
+    }
+}
+
+/// Winds triangles so that their fronts are where their normals point. A mesh without normals keeps its winding.
+pub(super) fn face_along_normals(mesh: &mut Mesh) {
+    if mesh.normals.is_empty() {
+        return;
+    }
+    for triangle in &mut mesh.triangles {
+        let [a, b, c] = triangle.map(|i| mesh.positions[i as usize]);
+        let normal: Vec3 = triangle.map(|i| mesh.normals[i as usize]).iter().sum();
+        if (b - a).cross(c - a).dot(normal) < 0.0 {
+            triangle.swap(1, 2);
+        }
+    }
+}
+
+/// Returns some of a mesh's triangles with the vertices that they use.
+pub(super) fn subset(mesh: &Mesh, triangles: &[[u32; 3]]) -> Mesh {
+    let mut places = vec![u32::MAX; mesh.positions.len()];
+    let mut used: Vec<u32> = Vec::new();
+    let mut place = |i: u32| {
+        let slot = &mut places[i as usize];
+        if *slot == u32::MAX {
+            *slot = used.len() as u32;
+            used.push(i);
+        }
+        *slot
+    };
+    let triangles = triangles.iter().map(|t| t.map(&mut place)).collect();
+    let mut part = mesh.clone();
+    tangents::select(&mut part, &used);
+    Mesh { triangles, ..part }
+}

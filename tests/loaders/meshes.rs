@@ -1,0 +1,103 @@
+//! Tests of mesh files that are opened as scenes: OBJ with its materials, and PLY.
+
+use std::path::Path;
+
+use crate::common;
+
+use glam::Vec3;
+use lightsheaf::scene::{self, Boundary, Bsdf, Material, Opacity, Scene, Sides};
+use lightsheaf::staging::{self, Staging};
+
+const QUAD: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
+
+fn obj(mtl: &str, body: &str, files: &[(&str, Vec<u8>)]) -> Scene {
+    let text = format!("mtllib box.mtl\n{QUAD}{body}");
+    let resolver = |name: &str| match name {
+        "box.mtl" => Some(mtl.as_bytes().to_vec()),
+        _ => files.iter().find(|(n, _)| *n == name).map(|(_, bytes)| bytes.clone()),
+    };
+    scene::load_bytes("box.obj", text.as_bytes(), &resolver).unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn material(mtl: &str) -> Material {
+    obj(&format!("newmtl m\n{mtl}\n"), "usemtl m\nf 1/1 2/2 3/3 4/4\n", &[]).materials.remove(0)
+}
+
+#[test]
+fn material_files_become_the_model() {
+    let wall = material("Kd 0.7 0.5 0.3\nKs 0 0 0\nNs 10\nillum 2");
+    assert!(matches!(wall.bsdf, Bsdf::Diffuse { reflectance } if reflectance == Vec3::new(0.7, 0.5, 0.3).into()));
+    assert_eq!((wall.sides, wall.opacity, wall.emission), (Sides::Two, None, None));
+    let lamp = material("Kd 0.78 0.78 0.78\nKe 10 9 8");
+    assert_eq!(lamp.emission.map(|e| (e.radiance.factor, e.two_sided)), Some((Vec3::new(10.0, 9.0, 8.0), true)));
+    // alpha^2 = 2 / (30 + 2), so that alpha is 1/4 and the roughness 1/2.
+    let paint = material("Kd 0.1 0.2 0.3\nKs 0.5 0.5 0.5\nNs 30\nillum 2");
+    let Bsdf::MetallicRoughness { metallic, roughness, .. } = paint.bsdf else { panic!("{paint:?}") };
+    assert!(metallic == 0.0.into() && (roughness.factor - 0.5).abs() < 1e-6, "{paint:?}");
+    let mirror = material("Kd 0.01 0.01 0.01\nKs 0.95 0.9 0.8\nNs 1000\nillum 5");
+    let Bsdf::MetallicRoughness { base_color, metallic, roughness, .. } = mirror.bsdf else { panic!("{mirror:?}") };
+    assert_eq!((base_color, metallic, roughness), (Vec3::new(0.95, 0.9, 0.8).into(), 1.0.into(), 0.0.into()));
+    let steel = material("Kd 0.5 0.5 0.5\nPm 1\nPr 0.3");
+    let Bsdf::MetallicRoughness { metallic, roughness, .. } = steel.bsdf else { panic!("{steel:?}") };
+    assert_eq!((metallic, roughness), (1.0.into(), 0.3.into()));
+    let glass = material("Kd 0 0 0\nNi 1.5\nTf 0.9 1 1\nd 0.1\nillum 7");
+    assert!(matches!(glass.bsdf, Bsdf::Dielectric { eta: 1.5, transmission, .. } if transmission.factor.x == 0.9));
+    assert!(matches!(glass.boundary, Boundary::Volume { .. }) && glass.opacity.is_none());
+    for thin in ["d 0.25", "Tr 0.75"] {
+        assert_eq!(material(thin).opacity, Some(Opacity::Blended { value: 0.25.into() }), "{thin}");
+    }
+}
+
+/// A texture keeps its rows: v points up in the file. What is not there is a warning, and grey.
+#[test]
+fn textures_and_what_is_missing() {
+    let mut png = Vec::new();
+    image::RgbImage::from_fn(1, 2, |_, y| image::Rgb([255 * (1 - y as u8), 0, 0]))
+        .write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)
+        .unwrap();
+    let mtl = "newmtl a\nKd 1 1 1\nmap_Kd -clamp on wood.png\nnewmtl b\nKd 0.2 0.2 0.2\nmap_Kd none.png\n";
+    let body = "f 1 2 3\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1 2 3\nusemtl a\nf 1/1 3/3 4/4\nusemtl c\nf 1 2 3\n";
+    let scene = obj(mtl, body, &[("wood.png", png)]);
+    let triangles: Vec<_> = scene.meshes.iter().map(|mesh| (mesh.name.as_str(), mesh.triangles.len())).collect();
+    assert_eq!(triangles, [("", 1), ("a", 2), ("b", 1), ("c", 1)]);
+    let Bsdf::Diffuse { reflectance } = scene.materials[scene.meshes[1].material].bsdf else { panic!("not diffuse") };
+    let image = &scene.images[scene.textures[reflectance.texture.unwrap().texture].image];
+    assert_eq!((image.texels[0][0], scene.meshes[1].uvs[0][0].y), (255, 1.0), "the file's v is 0 at the last row");
+    assert!(
+        matches!(scene.materials[scene.meshes[2].material].bsdf, Bsdf::Diffuse { reflectance } if reflectance.texture.is_none())
+    );
+    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("none.png"), "{:?}", scene.warnings);
+    let bare = scene::load_bytes("box.obj", format!("mtllib gone.mtl\n{QUAD}f 1 2 3\n").as_bytes(), &|_| None).unwrap();
+    assert!(bare.warnings[0].contains("gone.mtl"), "{:?}", bare.warnings);
+    let error = scene::load_bytes("box.obj", b"v 0 0 x\n", &|_| None).unwrap_err().to_string();
+    assert!(error.contains("line 1") && error.contains("`x` is not a number"), "{error}");
+}
+
+#[test]
+fn ply_files_have_their_colours() {
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n";
+    let bytes = format!("{header}0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 255 0 0\n3 0 1 2\n");
+    let scene = scene::load_bytes("scan.ply", bytes.as_bytes(), &|_| None).unwrap();
+    assert_eq!((scene.meshes[0].colors[0].truncate(), scene.meshes[0].normals[0]), (Vec3::X, Vec3::Z));
+    assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { reflectance } if reflectance == Vec3::ONE.into()));
+}
+
+/// A Cornell box of an archive: its own lamp is its light, a sphere mirrors and another one refracts.
+#[test]
+fn real_boxes_load() {
+    let Some(shared) = common::shared() else { return };
+    for (name, mirrors) in [("CornellBox-Original", 0), ("CornellBox-Sphere", 1)] {
+        let path = shared.join(format!("scenes/obj/CornellBox/{name}.obj"));
+        let scene = staging::load(path.to_str().unwrap(), &Staging::default()).unwrap_or_else(|e| panic!("{e}"));
+        assert!(scene.environment.is_none() && scene.cameras.len() == 1, "{name}: {:?}", scene.notes);
+        assert_eq!(scene.materials.iter().filter(|m| m.emission.is_some()).count(), 1, "{name}");
+        assert_eq!(
+            scene.materials.iter().filter(|m| matches!(m.bsdf, Bsdf::Dielectric { .. })).count(),
+            mirrors,
+            "{name}"
+        );
+        assert!(Path::new(&scene.name).exists() && scene.meshes.len() >= 6, "{name}: {}", scene.meshes.len());
+    }
+}
