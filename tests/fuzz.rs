@@ -203,6 +203,17 @@ fn mitsuba_seeds() -> Vec<Seed> {
 
 /// Returns Mitsuba's own format, version 4: a triangle in single precision, compressed, then the dictionary
 /// of one shape.
+fn mesh_seeds() -> Vec<Seed> {
+    let obj = "mtllib box.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nf 1 2 3\nusemtl wood\n\
+        f 1/1/1 2/2/1 3/1/1 4/2/1\nusemtl glass\nf -1 -2 -3\n";
+    let mtl = "newmtl wood\nKd 0.5 0.4 0.3\nKs 0.2 0.2 0.2\nNs 40\nillum 2\nmap_Kd -s 1 1 1 wood.png\nmap_d wood.png\nd 0.5\n\
+        newmtl glass\nKd 0 0 0\nKe 1 2 3\nmap_Ke wood.png\nNi 1.5\nTf 0.9 0.9 1\nillum 7\nPr 0.5\nPm 1\n";
+    vec![
+        vec![("box.obj", obj.into()), ("box.mtl", mtl.into()), ("wood.png", png())],
+        vec![("scan.ply", format!("{PLY}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").into())],
+    ]
+}
+
 fn serialized() -> Vec<u8> {
     let mut body = Vec::new();
     body.extend(0x1000_u32.to_le_bytes());
@@ -490,6 +501,12 @@ fn mutated_mitsuba() {
     let rounds = number("FUZZ_ROUNDS", ROUNDS) / 2;
     let [loaded, refused] = fuzz("mitsuba", &mitsuba_seeds(), rounds);
     assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
+}
+
+#[test]
+fn mutated_meshes() {
+    let [loaded, refused] = fuzz("meshes", &mesh_seeds(), number("FUZZ_ROUNDS", ROUNDS / 5));
+    assert!(loaded > refused / 20 && refused > loaded / 20, "{loaded} loaded, {refused} refused");
 }
 
 #[test]

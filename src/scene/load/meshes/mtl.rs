@@ -1,8 +1,9 @@
-//! Material files of OBJ meshes, by `tobj`. They describe Phong's model, and some the parameters of a later one (`Pr`, `Pm`).
+//! Material files of OBJ meshes. They describe Phong's model, and some the parameters of a later one (`Pr`, `Pm`).
+//!
+//! This is not a crate's parser: `tobj` 4.0.5 panics where a colour has less than three numbers.
 
 use std::collections::HashMap;
-use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{Affine2, Vec3};
 
@@ -21,14 +22,42 @@ const MIRROR: f32 = 1000.0;
 /// The materials of an OBJ file, of which those in use are in the scene.
 #[derive(Default)]
 pub(super) struct Library {
-    materials: HashMap<String, tobj::Material>,
+    materials: HashMap<String, Statements>,
     places: HashMap<String, usize>,
     images: HashMap<String, Option<usize>>,
-    folder: std::path::PathBuf,
+    folder: PathBuf,
+}
+
+/// The statements of a material: what follows each keyword, which is in lower case.
+#[derive(Default)]
+struct Statements(HashMap<String, String>);
+
+impl Statements {
+    fn text(&self, keyword: &str) -> Option<&str> {
+        self.0.get(keyword).map(String::as_str).filter(|text| !text.is_empty())
+    }
+
+    /// Returns the numbers at the beginning; those that are not finite end them.
+    fn numbers(&self, keyword: &str) -> Vec<f32> {
+        let words = self.text(keyword).unwrap_or_default().split_whitespace();
+        words.map_while(|word| word.parse().ok()).take_while(|v: &f32| v.is_finite()).collect()
+    }
+
+    fn number(&self, keyword: &str) -> Option<f32> {
+        self.numbers(keyword).first().copied()
+    }
+
+    fn color(&self, keyword: &str) -> Option<Vec3> {
+        match self.numbers(keyword)[..] {
+            [r, g, b, ..] => Some(Vec3::new(r, g, b).max(Vec3::ZERO)),
+            [v, ..] => Some(Vec3::splat(v.max(0.0))),
+            [] => None,
+        }
+    }
 }
 
 impl Library {
-    /// Reads a material file beside a mesh file. One that is not there, or malformed, is a warning.
+    /// Reads a material file beside a mesh file. One that is not there is a warning.
     pub fn read(&mut self, mesh: &Path, name: &str, files: &dyn Files, scene: &mut Scene) -> Result<(), LoadError> {
         self.folder = mesh.parent().unwrap_or(Path::new("")).to_owned();
         let path = self.folder.join(name.replace('\\', "/"));
@@ -37,10 +66,22 @@ impl Library {
             return Ok(());
         }
         let bytes = files.read(&path)?;
-        match tobj::load_mtl_buf(&mut Cursor::new(&bytes[..])) {
-            Ok((materials, _)) => self.materials.extend(materials.into_iter().map(|m| (m.name.clone(), m))),
-            Err(error) => {
-                scene.warn(format!("the material file `{name}` is malformed ({error}): its surfaces are grey"))
+        let mut name = None;
+        for line in bytes.split(|&b| b == b'\n') {
+            let line = String::from_utf8_lossy(line);
+            let line = line.split('#').next().unwrap_or_default().trim();
+            let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
+            match (keyword.to_ascii_lowercase().as_str(), &name) {
+                ("newmtl", _) => {
+                    let new = rest.split_whitespace().collect::<Vec<_>>().join(" ");
+                    self.materials.insert(new.clone(), Statements::default());
+                    name = Some(new);
+                }
+                (keyword, Some(name)) => {
+                    let statements = self.materials.entry(name.clone()).or_default();
+                    statements.0.insert(keyword.to_owned(), rest.trim().to_owned());
+                }
+                _ => {}
             }
         }
         Ok(())
@@ -52,7 +93,7 @@ impl Library {
             return place;
         }
         let material = match self.materials.remove(name) {
-            Some(material) => self.convert(&material, files, scene),
+            Some(statements) => self.convert(name, &statements, files, scene),
             None => plain(name, Vec3::splat(GREY)),
         };
         scene.materials.push(material);
@@ -60,32 +101,19 @@ impl Library {
         scene.materials.len() - 1
     }
 
-    fn convert(&mut self, m: &tobj::Material, files: &dyn Files, scene: &mut Scene) -> Material {
-        let numbers = |name: &str| -> Vec<f32> {
-            let words = m.unknown_param.get(name).map(|text| text.split_whitespace());
-            words.into_iter().flatten().map_while(|word| word.parse().ok()).filter(|v: &f32| v.is_finite()).collect()
-        };
-        let number = |name: &str| numbers(name).first().copied();
-        let triple = |name: &str| match numbers(name)[..] {
-            [r, g, b, ..] => Some(Vec3::new(r, g, b)),
-            [v] => Some(Vec3::splat(v)),
-            _ => None,
-        };
-        let share = |value: Option<[f32; 3]>, missing: f32| {
-            let value = value.map_or(Vec3::splat(missing), Vec3::from);
-            if value.is_finite() { value.clamp(Vec3::ZERO, Vec3::ONE) } else { Vec3::splat(missing) }
-        };
-        let illumination = m.illumination_model.unwrap_or(2);
-        let (diffuse, specular) = (share(m.diffuse, GREY), share(m.specular, 0.0));
-        let diffuse_map = self.texture(m.diffuse_texture.as_deref(), true, files, scene);
+    fn convert(&mut self, name: &str, m: &Statements, files: &dyn Files, scene: &mut Scene) -> Material {
+        let share = |keyword: &str, missing: f32| m.color(keyword).unwrap_or(Vec3::splat(missing)).min(Vec3::ONE);
+        let illumination = m.number("illum").map_or(2, |n| n as u32);
+        let (diffuse, specular) = (share("kd", GREY), share("ks", 0.0));
+        let diffuse_map = self.texture(m.text("map_kd"), true, files, scene);
         // A colour of black beside a texture stands for none.
         let factor = if diffuse_map.is_some() && diffuse == Vec3::ZERO { Vec3::ONE } else { diffuse };
         let base_color = Color { factor, texture: diffuse_map };
-        let exponent = m.shininess.filter(|n| n.is_finite()).unwrap_or(0.0).max(0.0);
+        let exponent = m.number("ns").unwrap_or(0.0).max(0.0);
         // Beckmann facets of alpha^2 = 2 / (n + 2) are nearly as cos^n (Walter et al. 2007, section 5.4); alpha is the
         // square of the roughness.
         let phong = if exponent >= MIRROR { 0.0 } else { (2.0 / (exponent + 2.0)).powf(0.25) };
-        let roughness = number("Pr").map_or(phong, |r| r.clamp(0.0, 1.0));
+        let roughness = m.number("pr").map_or(phong, |r| r.clamp(0.0, 1.0));
         let metal = |base_color: Color, metallic: f32, roughness: f32| Bsdf::MetallicRoughness {
             base_color,
             metallic: metallic.into(),
@@ -101,35 +129,33 @@ impl Library {
         let bsdf = if refracts {
             Bsdf::Dielectric {
                 alpha: 0.0.into(),
-                eta: m.optical_density.filter(|n| n.is_finite() && *n >= 1.0).unwrap_or(1.5),
+                eta: m.number("ni").filter(|n| *n >= 1.0).unwrap_or(1.5),
                 reflection: Vec3::ONE.into(),
-                transmission: triple("Tf").unwrap_or(Vec3::ONE).clamp(Vec3::ZERO, Vec3::ONE).into(),
+                transmission: share("tf", 1.0).into(),
             }
-        } else if let Some(metallic) = number("Pm") {
+        } else if let Some(metallic) = m.number("pm") {
             metal(base_color, metallic.clamp(0.0, 1.0), roughness)
         } else if mirrors {
             metal(specular.into(), 1.0, roughness)
-        } else if specular.max_element() > 0.0 && illumination >= 2 || number("Pr").is_some() {
+        } else if specular.max_element() > 0.0 && illumination >= 2 || m.number("pr").is_some() {
             metal(base_color, 0.0, roughness)
         } else {
             Bsdf::Diffuse { reflectance: base_color }
         };
-        let alpha = m.dissolve.or_else(|| number("Tr").map(|t| 1.0 - t)).filter(|d| d.is_finite()).unwrap_or(1.0);
-        let holes = self.texture(m.dissolve_texture.as_deref(), false, files, scene).map(|texture| (texture, 0));
+        let alpha = m.number("d").or_else(|| m.number("tr").map(|t| 1.0 - t)).unwrap_or(1.0);
+        let holes = self.texture(m.text("map_d"), false, files, scene).map(|texture| (texture, 0));
         // Files give glass an alpha, too.
         let blended = !refracts && (alpha < 1.0 || holes.is_some());
         let value = Scalar {
             factor: if alpha <= 0.0 && holes.is_some() { 1.0 } else { alpha.clamp(0.0, 1.0) },
             texture: holes,
         };
-        let glow = m.emissive.map(Vec3::from).filter(|glow| glow.is_finite() && glow.max_element() > 0.0);
-        let glow_map = m.unknown_param.get("map_Ke").map(String::as_str).filter(|_| glow.is_some());
+        let glow = m.color("ke").filter(|&glow| glow != Vec3::ZERO);
+        let glow_map = m.text("map_ke").filter(|_| glow.is_some());
         let glow_map = self.texture(glow_map, true, files, scene);
-        let emission = glow.map(|glow| Emission {
-            radiance: Color { factor: glow.max(Vec3::ZERO), texture: glow_map },
-            two_sided: true,
-        });
-        if m.normal_texture.is_some() {
+        let emission =
+            glow.map(|glow| Emission { radiance: Color { factor: glow, texture: glow_map }, two_sided: true });
+        if ["bump", "map_bump", "norm"].iter().any(|keyword| m.text(keyword).is_some()) {
             scene.warn("bump and normal maps of material files are not read: such surfaces are smooth");
         }
         Material {
@@ -138,7 +164,7 @@ impl Library {
             emission,
             boundary: if refracts { Boundary::Volume { absorption: Vec3::ZERO } } else { Boundary::Sheet },
             sides: if refracts { Sides::One } else { Sides::Two },
-            ..plain(&m.name, Vec3::ONE)
+            ..plain(name, Vec3::ONE)
         }
     }
 
