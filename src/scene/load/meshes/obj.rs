@@ -14,7 +14,7 @@ use crate::scene::{LoadError, Mesh};
 type Corner = [Option<u32>; 3];
 
 /// What an OBJ file holds.
-pub(in crate::scene::load) struct Parsed {
+pub(in crate::scene) struct Parsed {
     /// All of its triangles.
     pub mesh: Mesh,
     /// Names of materials, each with its first triangle; a material extends to the next one's first triangle.
@@ -24,10 +24,7 @@ pub(in crate::scene::load) struct Parsed {
 }
 
 /// Returns the triangles of each material by its name, which is empty for those before the first one.
-pub(in crate::scene::load) fn parts<'m>(
-    mesh: &Mesh,
-    materials: &'m [(String, usize)],
-) -> Vec<(&'m str, Vec<[u32; 3]>)> {
+pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)]) -> Vec<(&'m str, Vec<[u32; 3]>)> {
     let first = materials.first().map_or(mesh.triangles.len(), |m| m.1);
     let ends = materials.iter().skip(1).map(|m| m.1).chain([mesh.triangles.len()]);
     let ranges = materials.iter().zip(ends).map(|((name, start), end)| (name.as_str(), *start..end));
@@ -45,7 +42,7 @@ pub(in crate::scene::load) fn parts<'m>(
 /// Parses a mesh; v points up as in the file. Polygons are split into fans.
 ///
 /// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero.
-pub(in crate::scene::load) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
+pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     let mut corners: Vec<Corner> = Vec::new();
     let mut vertices: HashMap<Corner, u32> = HashMap::new();

@@ -13,7 +13,7 @@ use crate::scene::{LoadError, Mesh};
 ///
 /// Polygons are split into fans. Errors name the line of an ASCII file, and the vertex or face of a binary
 /// one.
-pub(in crate::scene::load) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
+pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
     let at_line = |e: ParseError| match e.line() {
         Some(line) => LoadError::at(path, format!("line {line}"), tidy(&e.to_string())),
         None => LoadError::new(path, tidy(&e.to_string())),
