@@ -19,11 +19,10 @@ const DARK: f32 = 0.1;
 /// Phong exponent from which a highlight is a mirror's.
 const MIRROR: f32 = 1000.0;
 
-/// The materials of an OBJ file, of which those in use are in the scene.
+/// The materials of an OBJ file that are not in the scene yet.
 #[derive(Default)]
 pub(super) struct Library {
     materials: HashMap<String, Statements>,
-    places: HashMap<String, usize>,
     images: HashMap<String, Option<usize>>,
     folder: PathBuf,
 }
@@ -87,17 +86,13 @@ impl Library {
         Ok(())
     }
 
-    /// Returns the index of a material, which is added to the scene when it is first asked for.
+    /// Adds a material to the scene and returns its index. Each is asked for once.
     pub fn material(&mut self, name: &str, files: &dyn Files, scene: &mut Scene) -> usize {
-        if let Some(&place) = self.places.get(name) {
-            return place;
-        }
         let material = match self.materials.remove(name) {
             Some(statements) => self.convert(name, &statements, files, scene),
             None => plain(name, Vec3::splat(GREY)),
         };
         scene.materials.push(material);
-        self.places.insert(name.to_owned(), scene.materials.len() - 1);
         scene.materials.len() - 1
     }
 
