@@ -71,43 +71,54 @@ fn render(args: &RenderArgs, interrupt: &Interrupt) -> Result<()> {
 
 /// Renders the pictures of one camera, and returns the last one. The device is opened if there is none, and kept.
 fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Option<Gpu>>) -> Result<Option<Picture>> {
-    let (grade, frames) = (OnceCell::new(), frames(args)?);
+    let frames = frames(args)?;
     let preview = RefCell::new(args.preview.as_ref().map(|address| Preview::connect(address, args.shown_name())));
-    let preview = &preview;
-    let began = Instant::now();
     if frames.is_empty() {
-        let View { scene, mut settings, animations } = args.view.load()?;
-        if let Some(folder) = &args.strategy_images {
-            checks::strategy_images(folder, &settings)?;
-            // Weighted strategy images sum to the unfiltered picture.
-            settings.interleave.get_or_insert(1);
-        }
-        let load = began.elapsed().as_secs_f64();
-        let (scene, settings, animations) = (&scene, &settings, &animations);
-        let (grade, kept) = (&grade, &Kept::default());
-        return go_on_after_losses(&|| kept.saved.borrow().as_ref().map_or(0, |saved| saved.samples), &mut || {
-            let began = Instant::now();
-            let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
-            let job = Job {
-                args,
-                interrupt,
-                grade,
-                preview,
-                load,
-                began,
-                scene,
-                before: None,
-                settings,
-                animations,
-                frame: None,
-                all: 1,
-                kept,
-            };
-            let picture = job.run(gpu.as_ref(), &mut Renderers::default())?;
-            device.replace(gpu);
-            Ok(Some(picture))
-        });
+        render_still(args, interrupt, device, &preview).map(Some)
+    } else {
+        render_frames(args, &frames, interrupt, device, &preview)
     }
+}
+
+/// Renders a single picture.
+fn render_still(
+    args: &RenderArgs,
+    interrupt: &Interrupt,
+    device: &RefCell<Option<Gpu>>,
+    preview: &RefCell<Option<Preview>>,
+) -> Result<Picture> {
+    let began = Instant::now();
+    let View { scene, mut settings, animations } = args.view.load()?;
+    if let Some(folder) = &args.strategy_images {
+        checks::strategy_images(folder, &settings)?;
+        // Weighted strategy images sum to the unfiltered picture.
+        settings.interleave.get_or_insert(1);
+    }
+    let load = began.elapsed().as_secs_f64();
+    let (scene, settings, animations) = (&scene, &settings, &animations);
+    let (grade, kept) = (&OnceCell::new(), &Kept::default());
+    go_on_after_losses(&|| kept.saved.borrow().as_ref().map_or(0, |saved| saved.samples), &mut || {
+        let began = Instant::now();
+        let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
+        let (before, frame, all) = (None, None, 1);
+        let job =
+            Job { args, interrupt, grade, preview, load, began, scene, before, settings, animations, frame, all, kept };
+        let picture = job.run(gpu.as_ref(), &mut Renderers::default())?;
+        device.replace(gpu);
+        Ok(picture)
+    })
+}
+
+/// Renders the frames of an animation or the views of a turntable, and returns the last picture. With
+/// `--skip-existing` there may be none to render.
+fn render_frames(
+    args: &RenderArgs,
+    frames: &[Frame],
+    interrupt: &Interrupt,
+    device: &RefCell<Option<Gpu>>,
+    preview: &RefCell<Option<Preview>>,
+) -> Result<Option<Picture>> {
+    let (mut began, grade) = (Instant::now(), OnceCell::new());
     let (loaded, mut settings) = args.view.open()?;
     if args.skip_existing {
         checks::skipping(args, &settings)?;
@@ -128,7 +139,7 @@ fn render_camera(args: &RenderArgs, interrupt: &Interrupt, device: &RefCell<Opti
     let first = complete(frames[0], &mut settings)?;
     view::warn(&first);
     let mut load = began.elapsed().as_secs_f64();
-    let mut began = Instant::now();
+    began = Instant::now();
     let gpu = device.take().map_or_else(|| open(args), |gpu| Ok(Some(gpu)))?;
     let (mut renderers, mut scene, mut before, all) = (Renderers::default(), first, None, frames.len());
     let mut last = None;
