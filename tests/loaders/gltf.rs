@@ -260,6 +260,30 @@ fn external_buffer_with_a_percent_encoded_name() {
     assert!(error.contains("buffers[0]") && error.contains("missing.bin"), "{error}");
 }
 
+/// As in viewers, what has lost its textures is shown without them. Images that are there and malformed are errors.
+#[test]
+fn missing_textures_are_left_out() {
+    let mut draft = Draft::triangle();
+    let material = json!({ "pbrMetallicRoughness": { "baseColorFactor": [0.5, 0.25, 0, 1],
+        "baseColorTexture": { "index": 0 }, "metallicRoughnessTexture": { "index": 0 } },
+        "normalTexture": { "index": 1 }, "emissiveTexture": { "index": 2 }, "emissiveFactor": [1, 1, 1] });
+    draft.json["materials"] = json!([material]);
+    draft.json["textures"] = json!([{ "source": 0 }, { "source": 1 }, { "source": 2 }]);
+    let images = ["lost/wood%20grain.png", "https://example.org/normal.png", "glow.png"];
+    draft.json["images"] = images.map(|uri| json!({ "uri": uri })).into();
+    draft.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let mut png = Vec::new();
+    let pixel = image::RgbImage::from_pixel(1, 1, image::Rgb([255; 3]));
+    pixel.write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    std::fs::write(Draft::path("glow.png"), png).unwrap();
+    let scene = draft.load("lost_textures.gltf");
+    assert_eq!((scene.images.len(), scene.textures.len()), (1, 1), "the one that is there");
+    let of = |text: &str| scene.warnings.iter().filter(|warning| warning.contains(text)).count();
+    assert_eq!(images.map(of), [1, 1, 0], "{:?}", scene.warnings);
+    std::fs::write(Draft::path("glow.png"), b"no image").unwrap();
+    draft.refused("lost_textures.gltf", "glow.png", "");
+}
+
 #[test]
 fn sparse_accessors_replace_elements() {
     let mut draft = Draft::triangle();

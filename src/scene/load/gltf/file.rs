@@ -202,29 +202,42 @@ impl<'a> File<'a> {
 
     /// Reads the bytes of a `data:` URI or of a relative path.
     pub fn fetch(&self, uri: &str, place: &str) -> Result<Vec<u8>, LoadError> {
-        let decode = |text: &str| percent_encoding::percent_decode_str(text).collect::<Vec<u8>>();
         if let Some(rest) = uri.strip_prefix("data:") {
             let (head, body) =
                 rest.split_once(',').ok_or_else(|| self.error(place, "the data URI has no comma before its data"))?;
             if !head.ends_with(";base64") {
-                return Ok(decode(body));
+                return Ok(percent_decoded(body));
             }
             let config = base64::engine::GeneralPurposeConfig::new()
                 .with_decode_padding_mode(base64::engine::DecodePaddingMode::Indifferent)
                 .with_decode_allow_trailing_bits(true);
             return base64::engine::GeneralPurpose::new(&base64::alphabet::STANDARD, config)
-                .decode(decode(body))
+                .decode(percent_decoded(body))
                 .map_err(|e| self.error(place, format!("the data URI is not valid base64: {e}")));
         }
-        let name = String::from_utf8(decode(uri)).map_err(|_| self.error(place, "the uri is not UTF-8"))?;
-        if name.contains("://") {
-            return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));
-        }
-        let path = self.beside(&name);
+        let path = self.local(uri, place)?;
         let bytes = self.files.read(&path);
         let failed = |e: LoadError| self.error(place, format!("refers to {}, which {}", path.display(), e.cause));
         bytes.map(Cow::into_owned).map_err(failed)
     }
+
+    /// Returns the path of a file by its URI.
+    fn local(&self, uri: &str, place: &str) -> Result<PathBuf, LoadError> {
+        let name = String::from_utf8(percent_decoded(uri)).map_err(|_| self.error(place, "the uri is not UTF-8"))?;
+        if name.contains("://") {
+            return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));
+        }
+        Ok(self.beside(&name))
+    }
+
+    /// True if a URI names a file that is not there.
+    pub fn is_missing(&self, uri: &str) -> bool {
+        !uri.starts_with("data:") && !self.local(uri, "").is_ok_and(|path| self.files.has(&path))
+    }
+}
+
+fn percent_decoded(text: &str) -> Vec<u8> {
+    percent_encoding::percent_decode_str(text).collect()
 }
 
 /// Parses the JSON; adds a scene's list of nodes and a channel's node if they are missing, since the parser

@@ -365,7 +365,7 @@ impl Materials {
         Ok(texture.map(|texture| NormalMap { texture, scale: map.scale }))
     }
 
-    /// Returns the scene's texture for a reference, or `None` if its image has no supported format.
+    /// Returns the scene's texture for a reference, or `None` if its image is not there or has no supported format.
     fn texture(
         &mut self,
         file: &File,
@@ -384,7 +384,11 @@ impl Materials {
             scene.warn(format!("{place} has no image in a supported format (PNG, JPEG, WebP, KTX2): it is left out"));
             return Ok(None);
         }
-        file.get(texture.source, &place, "images")?;
+        let image = file.get(texture.source, &place, "images")?;
+        if let Some(uri) = image.uri.as_deref().filter(|uri| file.is_missing(uri)) {
+            scene.warn(format!("{place} refers to {uri}, which is not there: it is left out"));
+            return Ok(None);
+        }
         let (wrap, filter) = wrap_modes(file, texture, &place)?;
         let mut out = Texture { image: 0, wrap, filter, srgb };
         let key = (texture.source.value(), texture.sampler.map(|s| s.value()), srgb);
