@@ -68,8 +68,7 @@ pub trait Contender {
 pub fn device(technique: Technique) -> Result<Option<Gpu>, GpuError> {
     match technique.method {
         Method::Reference => Ok(None),
-        _ if technique.needs_ray_queries() => Gpu::with_ray_queries().map(Some),
-        _ => Gpu::new().map(Some),
+        _ => render::open_device(technique).map(Some),
     }
 }
 

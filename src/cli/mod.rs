@@ -35,7 +35,6 @@ use anyhow::{Result, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use crate::gpu::{Gpu, GpuError};
 use crate::scene;
 use crate::scene::load::{FORMATS, Format};
 use crate::settings::{Method, Settings, Technique, Visibility};
@@ -171,18 +170,14 @@ fn end_by_default(settings: &mut Settings, matches: &ArgMatches) {
     }
 }
 
-/// Opens a device with the features that a method needs.
-fn open(technique: Technique) -> Result<Gpu, GpuError> {
-    if technique.needs_ray_queries() { Gpu::with_ray_queries() } else { Gpu::new() }
-}
-
 /// Runs `plan`.
 fn plan(args: &PlanArgs) -> Result<()> {
     if args.view.settings.method() == Method::Reference {
         bail!("--method reference: the reference has no plan, since it does the same for every scene");
     }
     let View { scene, settings, animations } = args.view.load()?;
-    let (text, json) = crate::render::plan(&open(settings.technique)?, &scene, &settings)?;
+    let gpu = crate::render::open_device(settings.technique)?;
+    let (text, json) = crate::render::plan(&gpu, &scene, &settings)?;
     if args.json {
         return output::print(&serde_json::to_string_pretty(&json)?);
     }

@@ -26,7 +26,11 @@ pub mod upload;
 pub mod visibility;
 
 use crate::gpu::Gpu;
+#[cfg(not(target_family = "wasm"))]
+use crate::gpu::GpuError;
 use crate::scene::{Geometry, Scene, SceneStats};
+#[cfg(not(target_family = "wasm"))]
+use crate::settings::Technique;
 use crate::settings::{Method, Settings};
 
 use adapt::adapted;
@@ -36,6 +40,15 @@ use subpaths::PathRenderer;
 use subpaths::plan::PathPlan;
 
 pub use renderer::{RenderError, RenderStats, Renderer};
+
+/// Opens the best adapter with the features that a technique needs.
+///
+/// # Errors
+/// As [`Gpu::new_async`] or [`Gpu::with_ray_queries`].
+#[cfg(not(target_family = "wasm"))]
+pub fn open_device(technique: Technique) -> Result<Gpu, GpuError> {
+    if technique.needs_ray_queries() { Gpu::with_ray_queries() } else { Gpu::new() }
+}
 
 /// Opens a renderer of a scene on a device.
 ///

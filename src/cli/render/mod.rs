@@ -190,7 +190,7 @@ fn open(args: &RenderArgs) -> Result<Option<Gpu>> {
     if args.view.settings.method() == Method::Reference {
         return Ok(None);
     }
-    let gpu = super::open(args.view.settings.technique)?;
+    let gpu = crate::render::open_device(args.view.settings.technique)?;
     gpu.non_finite.watch(&gpu, args.check_values);
     gpu.timings.measure(args.stats.is_some());
     if let Some(folder) = &args.dump_shaders {
