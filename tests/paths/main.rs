@@ -8,6 +8,8 @@ mod scenes;
 mod tracers;
 mod weights;
 
+use std::path::PathBuf;
+
 use common::gpu_with_ray_queries;
 use common::statistics::{Look, compare, compare_pixels, pixels_against};
 use glam::{Vec2, Vec3};
@@ -44,7 +46,7 @@ fn picture(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderStats)
 
 /// Renders pictures of different seeds by one renderer that begins anew for each.
 fn pictures(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
-    let mut renderer = PathRenderer::new(gpu, scene, settings).unwrap();
+    let mut renderer = open(gpu, scene, settings).unwrap();
     (1..=PICTURES)
         .map(|seed| {
             renderer.restart(seed);
@@ -85,13 +87,7 @@ fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
 fn shared_agrees(name: &str, scene: &Scene, bounces: u32) {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let settings = settings(Technique::RASTER, SIDE, 64, bounces);
-    let mut renderer = open(gpu, scene, &settings).unwrap();
-    let films: Vec<_> = (1..=PICTURES)
-        .map(|seed| {
-            renderer.restart(seed);
-            common::picture(&mut *renderer, settings.samples.into())
-        })
-        .collect();
+    let films = pictures(gpu, scene, &settings);
     let verdict = compare(&films, &references(scene, &settings, 64), Look::Blocks);
     println!("{name}, shared: {verdict:?}");
     assert!(verdict.agrees(), "{name}, shared: {verdict:?}");
@@ -559,10 +555,10 @@ fn mitsuba(name: &str) -> Option<Vec<(f64, f64)>> {
     Some((0..side * side).map(block).collect())
 }
 
-/// Compares every reference scene and Sun's three at 128 x 128, pixel by pixel, with `SAMPLES` a picture (32)
-/// and four times as many of the reference, and also with Mitsuba's pictures if they are there: paths from
-/// the camera hardly ever find the bright spot of corner_spikes, so that the reference's pictures of it are
-/// dark, and their spread too small.
+/// Compares every reference scene, Sun's three, Mitsuba's spheres and a room of rough glass at 128 x 128, pixel by
+/// pixel, with `SAMPLES` a picture (32) and four times as many of the reference, and also with Mitsuba's pictures if
+/// they are there: paths from the camera hardly ever find the bright spot of corner_spikes, so that the reference's
+/// pictures of it are dark, and their spread too small. `SCENE` chooses one.
 ///
 ///     cargo test --test paths -- --ignored --nocapture matrix
 #[test]
@@ -573,25 +569,26 @@ fn matrix() {
         "| scene | method | pixels that pass | worst pixel: difference, standard error | mean | pixels that pass against \
          Mitsuba |\n|---|---|---|---|---|---|"
     );
+    let load = |path: PathBuf| staging::load(&path.display().to_string(), &Staging::default()).unwrap();
     let sun = ["spheres", "mirrors", "water"].map(|n| (format!("cornell_{n}"), scenes::cornell(n), 6));
     let shared = common::references().map_or(Vec::new(), |folder| {
         ["cornell_point", "cornell_area", "cornell_glossy", "cornell_env", "corner_spikes"]
-            .map(|n| {
-                let path = folder.join(n).with_extension("xml");
-                (n.to_owned(), staging::load(&path.display().to_string(), &Staging::default()).unwrap(), 2)
-            })
+            .map(|n| (n.to_owned(), load(folder.join(n).with_extension("xml")), 2))
             .to_vec()
     });
+    let spheres = common::shared()
+        .map(|folder| ("cbox-spheres".to_owned(), load(folder.join("scenes/mitsuba/cbox-spheres/scene.xml")), 6));
+    let rough_glass = ("rough glass".to_owned(), scenes::transmitting(), 5);
     let samples = std::env::var("SAMPLES").ok().and_then(|s| s.parse().ok()).unwrap_or(32);
     let mut failed = Vec::new();
     let mut rows = 0;
-    for (name, scene, bounces) in shared.into_iter().chain(sun) {
+    for (name, scene, bounces) in shared.into_iter().chain(sun).chain(spheres).chain([rough_glass]) {
         if std::env::var("SCENE").is_ok_and(|wanted| wanted != name) {
             continue;
         }
         let expected = references(&scene, &settings(Technique::PATH, 128, 1, bounces), 4 * samples);
         let mitsuba = if bounces == 2 { mitsuba(&name) } else { None };
-        for technique in METHODS {
+        for technique in [METHODS[0], METHODS[1], Technique::RASTER] {
             let films = pictures(gpu, &scene, &settings(technique, 128, samples, bounces));
             let (pixels, image) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Image));
             let beside = mitsuba.as_ref().map(|m| pixels_against(&films, m));
