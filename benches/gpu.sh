@@ -56,6 +56,12 @@ cornell="builtin:cornell_point $(sized 512 512 256) --interleave 1"
 runs=(
     "2012, exact: $paper --visibility exact"
     "2012, fast: $paper --visibility fast"
+)
+for options in "exact:" "fast: --visibility fast" "exact, interleaved 4: --interleave 4" "fast, interleaved 4: --visibility fast --interleave 4" \
+    "path: --method path"; do
+    [[ ! $sponza ]] || runs+=("Sponza, ${options%%:*}: SPONZA $(sized 1920 1080 32)${options#*:}")
+done
+runs+=(
     "cornell_point, lists: $cornell --visibility-from lists"
     "cornell_point, grid: $cornell --visibility-from grid"
     "cornell_point, fast: $cornell --visibility fast"
@@ -64,45 +70,52 @@ runs=(
     "displaced_room, lists: builtin:displaced_room:$many $(sized 1024 1024 64) --visibility-from lists"
     "displaced_room, grid: builtin:displaced_room:$many $(sized 1024 1024 64) --visibility-from grid"
 )
-for options in "exact:" "exact, interleaved 4: --interleave 4" "fast: --visibility fast" "fast, interleaved 4: --visibility fast --interleave 4" \
-    "path: --method path"; do
-    [[ ! $sponza ]] || runs+=("Sponza, ${options%%:*}: SPONZA $(sized 1920 1080 32)${options#*:}")
-done
 
 say() { printf 'gpu: %s\n' "$*" >&2; }
 quoted() { sed 's/\\/\\\\/g; s/"/\\"/g; s/^/"/; s/$/"/'; }
 
+# Writes the report of what has run so far, so that a run that is cut off leaves one.
+report() {
+    {
+        printf '{\n"date": "%s",\n"commit": "%s",\n"system": %s,\n"small": %s,\n"stress": ' "$(date -u +%F)" \
+            "$(git rev-parse --short HEAD 2>/dev/null || echo unknown)" "$(uname -srm | quoted)" "$([[ $small ]] && echo true || echo false)"
+        cat "$work/stress.json"
+        printf ',\n"renders": ['
+        local separator=""
+        for part in "$work"/render-*.json; do
+            [[ -e $part ]] || continue
+            printf '%s\n' "$separator"
+            cat "$part"
+            separator=","
+        done
+        printf '\n]}\n'
+    } >"$work/report.json"
+    {
+        sed '/REPORT/,$d' benches/gpu.html
+        # Nothing in the text may end the script that holds it.
+        sed 's/</\\u003c/g' "$work/report.json"
+        sed '1,/REPORT/d' benches/gpu.html
+    } >"$work/report.html"
+    mv "$work/report.json" "$work/report.html" "$folder"
+}
+
 say "a short stress: is every picture right?"
 "$lightsheaf" stress --short --json ${cases:+"$cases"} >"$work/stress.json" || [[ $? -eq 1 ]] || fail "lightsheaf stress did not run: see its message above"
-{
-    printf '{\n"date": "%s",\n"commit": "%s",\n"system": %s,\n"small": %s,\n"stress": ' "$(date -u +%F)" \
-        "$(git rev-parse --short HEAD 2>/dev/null || echo unknown)" "$(uname -srm | quoted)" "$([[ $small ]] && echo true || echo false)"
-    cat "$work/stress.json"
-    printf ',\n"renders": ['
-    separator=""
-    for run in "${runs[@]}"; do
-        name=${run%%: *} options=${run#*: }
-        read -ra words <<<"$options"
-        for i in "${!words[@]}"; do [[ ${words[i]} == SPONZA ]] && words[i]=$sponza; done
-        say "$name: $options"
-        failure=""
-        for _ in cold warm; do
-            "$lightsheaf" render "${words[@]}" -q -o "$work/picture.exr" --stats "$work/stats.json" 2>"$work/error" || { failure=$(tail -n 1 "$work/error"); break; }
-        done
-        printf '%s\n{"name": %s, "options": %s, ' "$separator" "$(quoted <<<"$name")" "$(quoted <<<"$options")"
-        # A method that this device cannot run is a result, too.
-        if [[ $failure ]]; then say "$failure"; printf '"error": %s}' "$(quoted <<<"$failure")"; else printf '"stats": '; cat "$work/stats.json"; printf '}'; fi
-        separator=","
+report
+for index in "${!runs[@]}"; do
+    name=${runs[index]%%: *} options=${runs[index]#*: }
+    read -ra words <<<"$options"
+    for i in "${!words[@]}"; do [[ ${words[i]} == SPONZA ]] && words[i]=$sponza; done
+    say "$name: $options"
+    failure=""
+    for _ in cold warm; do
+        "$lightsheaf" render "${words[@]}" -q -o "$work/picture.exr" --stats "$work/stats.json" 2>"$work/error" || { failure=$(tail -n 1 "$work/error"); break; }
     done
-    printf '\n]}\n'
-} >"$work/report.json"
-mv "$work/report.json" "$folder/report.json"
-
-{
-    sed '/REPORT/,$d' benches/gpu.html
-    # Nothing in the text may end the script that holds it.
-    sed 's/</\\u003c/g' "$folder/report.json"
-    sed '1,/REPORT/d' benches/gpu.html
-} >"$work/report.html"
-mv "$work/report.html" "$folder/report.html"
+    {
+        printf '{"name": %s, "options": %s, ' "$(quoted <<<"$name")" "$(quoted <<<"$options")"
+        # A method that this device cannot run is a result, too.
+        if [[ $failure ]]; then say "$failure"; printf '"error": %s}' "$(quoted <<<"$failure")"; else printf '"stats": '; sed 's|"scene": ".*/|"scene": "|' "$work/stats.json"; printf '}'; fi
+    } >"$work/render-$(printf %02d "$index").json"
+    report
+done
 say "$folder/report.html has it all; please send it in with the name of your GPU and its driver"

@@ -47,8 +47,10 @@ fn with(strategies: Strategies, bounces: u32) -> Settings {
 /// Plans a scene with few lights.
 fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = plan_of(stats, settings);
-    let joined: u32 = plan.connections.iter().map(|c| plan.points_connected(c)).sum();
-    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * joined);
+    // Rays connect all light points in one run, maps one point each.
+    let by_rays = |s: u32| s == 1 && plan.ray_views.lights;
+    let joined = plan.connections.iter().map(|c| if by_rays(c.s) { 1 } else { plan.points_connected(c) });
+    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * joined.sum::<u32>());
     let others = plan.direct_lights.saturating_sub(1);
     // Vertices that draw directions of their own need no bundles.
     let bundles = if plan.own_directions { 0 } else { plan.extensions.len() as u32 };
@@ -381,6 +383,20 @@ fn few_lights_have_a_point_each() {
             && !of(sized_local_lights(2, 1)).clear_light
             && !plan(&sized_local_lights(2, 2), &power).clear_light
     );
+}
+
+/// A GPU is filled by one band where a software driver has many, as long as it can bind a band's vertices.
+#[test]
+fn bands_fill_the_device() {
+    let of = |software, max_storage_bytes| {
+        let device = Capabilities { software, max_storage_bytes, ..capabilities() };
+        let large = Settings { width: 1024, height: 1024, interleave: Some(1), ..bounces(2) };
+        let grid = FramePlan::new(&one_light(), &large, &device).grid;
+        assert!(grid.largest() <= u64::from(grid.band_pixels));
+        grid.regions()[0]
+    };
+    assert_eq!([of(false, 128 << 20), of(true, 128 << 20)], [1, 8]);
+    assert!((8..64).contains(&of(false, 8 << 20)));
 }
 
 /// Inside a scene light of the sky is guided, whatever traces the rays; lists and depth maps have no guide.

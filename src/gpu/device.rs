@@ -223,7 +223,7 @@ impl Gpu {
         }));
         let timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
         let ledger = Ledger::default();
-        let timings = Timings::new(&device, &queue, &ledger, timestamps);
+        let timings = Timings::new(&device, &queue, timestamps);
         Ok(Self {
             capabilities: Capabilities {
                 adapter: name,

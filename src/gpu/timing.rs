@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::{Gpu, GpuError, Ledger, read_back_async};
+use super::{Gpu, GpuError, read_back_async};
 
-/// Most runs of passes that can be timed between two collections.
-const CAPACITY: u32 = 2048;
+/// Runs of passes that a query set times: two timestamps each, of at most 4096 (WebGPU's limit).
+const RUNS_OF_SET: usize = 2048;
 
 /// Device time and runs of one pass.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
@@ -25,45 +25,32 @@ pub struct Writes {
     pub(super) end: u32,
 }
 
-struct Queries {
-    set: wgpu::QuerySet,
-    resolved: wgpu::Buffer,
-    millis_per_tick: f64,
-}
-
 #[derive(Default)]
 struct State {
+    /// Query sets, as many as a batch has needed so far.
+    sets: Vec<wgpu::QuerySet>,
+    /// Runs that were timed since the last collection, in the order of the sets' queries.
     pending: Vec<&'static str>,
     totals: BTreeMap<&'static str, PassTime>,
 }
 
 /// Collects the device times of passes.
 pub struct Timings {
-    queries: Option<Queries>,
+    /// Makes query sets, if the adapter has timestamps.
+    device: Option<wgpu::Device>,
+    millis_per_tick: f64,
     asked: AtomicBool,
     state: Mutex<State>,
 }
 
 impl Timings {
-    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, ledger: &Ledger, available: bool) -> Self {
-        let queries = available.then(|| Queries {
-            set: device.create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some("timings"),
-                ty: wgpu::QueryType::Timestamp,
-                count: 2 * CAPACITY,
-            }),
-            resolved: ledger.buffer(
-                device,
-                &wgpu::BufferDescriptor {
-                    label: Some("timings"),
-                    size: 16 * u64::from(CAPACITY),
-                    usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-                    mapped_at_creation: false,
-                },
-            ),
+    pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue, available: bool) -> Self {
+        Self {
+            device: available.then(|| device.clone()),
             millis_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
-        });
-        Self { queries, asked: AtomicBool::new(false), state: Mutex::default() }
+            asked: AtomicBool::new(false),
+            state: Mutex::default(),
+        }
     }
 
     /// Begins or ends to time passes. It is off at first: between two timestamps a device finishes a pass before the
@@ -72,18 +59,23 @@ impl Timings {
         self.asked.store(on, Ordering::Relaxed);
     }
 
-    /// Counts a run of a pass and returns the indices of its timestamps, or None if passes are not timed or
-    /// the query set is full.
+    /// Counts a run of a pass and returns the indices of its timestamps, or None if passes are not timed.
     pub(super) fn begin(&self, label: &'static str) -> Option<Writes> {
-        let mut state = self.state.lock().ok()?;
-        state.totals.entry(label).or_default().runs += 1;
-        let queries = self.queries.as_ref().filter(|_| self.asked.load(Ordering::Relaxed))?;
-        let index = state.pending.len() as u32;
-        if index == CAPACITY {
-            return None;
+        let mut guard = self.state.lock().ok()?;
+        let State { sets, pending, totals } = &mut *guard;
+        totals.entry(label).or_default().runs += 1;
+        let device = self.device.as_ref().filter(|_| self.asked.load(Ordering::Relaxed))?;
+        let (set, index) = (pending.len() / RUNS_OF_SET, pending.len() % RUNS_OF_SET);
+        if set == sets.len() {
+            sets.push(device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("timings"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * RUNS_OF_SET as u32,
+            }));
         }
-        state.pending.push(label);
-        Some(Writes { set: queries.set.clone(), begin: 2 * index, end: 2 * index + 1 })
+        pending.push(label);
+        let begin = 2 * index as u32;
+        Some(Writes { set: sets[set].clone(), begin, end: begin + 1 })
     }
 
     /// Reads the timestamps of all submitted passes and adds their times to the totals.
@@ -91,20 +83,28 @@ impl Timings {
     /// # Errors
     /// [`GpuError::Device`] if the device fails.
     pub async fn collect(&self, gpu: &Gpu) -> Result<(), GpuError> {
-        let Some(queries) = &self.queries else { return Ok(()) };
-        let pending = self.state.lock().map(|mut s| std::mem::take(&mut s.pending)).unwrap_or_default();
-        if pending.is_empty() {
-            return Ok(());
-        }
-        let count = 2 * pending.len();
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.resolve_query_set(&queries.set, 0..count as u32, &queries.resolved, 0);
-        gpu.queue.submit([encoder.finish()]);
-        let ticks: Vec<u64> = read_back_async(gpu, &queries.resolved, count).await?;
-        if let Ok(mut state) = self.state.lock() {
-            for (label, pair) in pending.iter().zip(ticks.chunks_exact(2)) {
-                state.totals.entry(label).or_default().gpu_millis +=
-                    pair[1].saturating_sub(pair[0]) as f64 * queries.millis_per_tick;
+        let taken = self.state.lock().map(|mut s| (std::mem::take(&mut s.pending), s.sets.clone()));
+        let Ok((pending, sets)) = taken else { return Ok(()) };
+        for (labels, set) in pending.chunks(RUNS_OF_SET).zip(&sets) {
+            let count = 2 * labels.len();
+            let resolved = gpu.ledger.buffer(
+                &gpu.device,
+                &wgpu::BufferDescriptor {
+                    label: Some("timings"),
+                    size: 8 * count as u64,
+                    usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                    mapped_at_creation: false,
+                },
+            );
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            encoder.resolve_query_set(set, 0..count as u32, &resolved, 0);
+            gpu.queue.submit([encoder.finish()]);
+            let ticks: Vec<u64> = read_back_async(gpu, &resolved, count).await?;
+            if let Ok(mut state) = self.state.lock() {
+                for (label, pair) in labels.iter().zip(ticks.chunks_exact(2)) {
+                    let millis = pair[1].saturating_sub(pair[0]) as f64 * self.millis_per_tick;
+                    state.totals.entry(label).or_default().gpu_millis += millis;
+                }
             }
         }
         Ok(())
@@ -120,6 +120,26 @@ impl Timings {
     pub fn reset(&self) {
         if let Ok(mut state) = self.state.lock() {
             state.totals.clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A GPU finishes thousands of runs between two collections.
+    #[test]
+    fn every_run_of_a_long_batch_is_timed() {
+        let Ok(gpu) = Gpu::new() else {
+            assert!(std::env::var_os("REQUIRE_GPU").is_none());
+            return println!("skipped: no device");
+        };
+        gpu.timings.measure(true);
+        for run in 0..2 * RUNS_OF_SET + 1 {
+            let writes = gpu.timings.begin("pass");
+            assert_eq!(writes.is_some(), gpu.capabilities.timestamps);
+            assert!(writes.is_none_or(|w| (w.begin, w.end) == (2 * (run % RUNS_OF_SET) as u32, w.begin + 1)));
         }
     }
 }

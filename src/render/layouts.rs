@@ -294,9 +294,9 @@ layouts! {
         clamp_distance: f32,
         clear: u32,
         narrow_only: u32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
+        light_points: u32,
+        lights: u32,
+        pad: u32,
     }
 
     /// Requests and capacities of a view.

@@ -144,8 +144,8 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "FACTOR", default_value_t = Self::default().list_room, allow_negative_numbers = true, help_heading = LISTS))]
     pub list_room: f32,
     /// Number of pixels per band, 1 to 4194304. Bands are processed one after another. Smaller bands need
-    /// less memory, but the maps of a light pool are drawn for each band [default: 262144; 131072 for images
-    /// of more pixels; 1048576 with a light pool]
+    /// less memory, but the maps of a light pool are drawn for each band [default: 1048576; on a software
+    /// driver 262144, and 131072 for images of more pixels]
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, help_heading = SHARED))]
     pub band_pixels: Option<u32>,
     /// Interleaved sampling: the N x N pixels of each square have separate light subpaths and bundles, and a

@@ -13,7 +13,7 @@ use lightsheaf::settings::{LightSampling, Settings, Technique};
 use crate::common::gpu_with_ray_queries;
 use crate::common::harness::answer;
 use crate::common::random::Random;
-use crate::common::scenes::{add, floor, pinhole};
+use crate::common::scenes::{add, floor, pinhole, sphere};
 use crate::common::shaders::{self, DrawAnswer, DrawQuestion};
 use crate::common::statistics::p_value;
 use crate::{scenes, settings};
@@ -181,6 +181,37 @@ fn bsdfs_are_drawn_as_their_density_says() {
     let turned = (above + Vec3::X * 0.02).normalize();
     let p = test_directions(&oracle, question(DRAW_SCATTER, above), question(PDF_SCATTER, turned));
     assert!(p < 1e-6, "a canary passes: {p}");
+}
+
+/// Along the normal, where rounding makes the cosine of a direction more than 1, everything is a number.
+#[test]
+fn directions_along_the_normal_are_numbers() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let normals: Vec<Vec3> = {
+        let mesh = sphere(4);
+        let corner = |i: u32| mesh.positions[i as usize];
+        let normal = |&[a, b, c]: &[u32; 3]| (corner(b) - corner(a)).cross(corner(c) - corner(a)).normalize();
+        mesh.triangles.iter().map(normal).collect()
+    };
+    assert!(normals.iter().filter(|n| n.dot(**n) > 1.0).count() > 100);
+    let sheen = scenes::velvet(0.4, scenes::conductor(0.3, Fresnel::None));
+    for material in [scenes::gltf(0.6, 0.3, 0.5, Boundary::Sheet), scenes::coated(0.4, sheen), scenes::plastic(0.3)] {
+        let mut scene = plate(material.clone());
+        scene.meshes.clear();
+        scene.materials.clear();
+        add(&mut scene, sphere(4), material);
+        let oracle = Oracle::new(gpu, &scene);
+        let questions = (0..16 * normals.len()).map(|i| {
+            let triangle = i % normals.len();
+            let given = normals[triangle].to_array();
+            let kind = if i < normals.len() { PDF_SCATTER } else { DRAW_SCATTER };
+            DrawQuestion { given, triangle: triangle as u32, w: given, kind }
+        });
+        for answer in oracle.ask(&questions.collect::<Vec<_>>()) {
+            let values = [answer.w, answer.extra].concat();
+            assert!(answer.pdf_w.is_finite() && values.iter().all(|v| v.is_finite()), "{answer:?}");
+        }
+    }
 }
 
 /// Tests draws of a mapped sky, counted per cell of the map. Within a cell, density times the sine of the

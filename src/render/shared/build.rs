@@ -23,17 +23,18 @@ use crate::render::shared::passes::views::list_lengths::ListLengths;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::strategies::{Connection, Extension};
 use crate::render::shared::plan::views::ViewRole;
+use crate::render::shared::strategy_uniforms::StrategyUniforms;
 use crate::render::shared::views::Views;
 use crate::render::upload::gpu_scene::GpuScene;
 use crate::render::visibility::tracer::Tracing;
 use crate::settings::{RestirBias, Settings};
 
-/// A connection with its constants for each light point. Direct light from candidates has no pass of its own.
+/// A connection with its constants for each light. Direct light from candidates has no pass of its own.
 pub struct ConnectionPass {
     /// The strategy.
     pub connection: Connection,
-    /// Constants of the strategy for each light point.
-    pub strategies: Vec<wgpu::Buffer>,
+    /// Constants of the strategy for each light.
+    pub strategies: StrategyUniforms,
     /// The pass.
     pub pass: Option<Connect>,
 }
@@ -63,7 +64,7 @@ pub struct Passes {
     /// Reuse of the last iteration's candidates.
     pub light_reservoirs: Option<LightReservoirs>,
     /// Extensions in the plan's order, each with its constants.
-    pub extensions: Vec<(wgpu::Buffer, Extend)>,
+    pub extensions: Vec<(StrategyUniforms, Extend)>,
     /// List lengths in place of light.
     pub list_lengths: Option<ListLengths>,
     /// The film.
@@ -186,8 +187,8 @@ impl Passes {
             let weighted = settings.only.is_none_or(|only| only.weighted);
             let s = settings.only.map_or(0, |only| only.s);
             let counts = [f32::from(u8::from(weighted)), 0.0, 0.0, 0.0];
-            let strategy = strategy(gpu, &layouts::Strategy { sample_counts: counts, s, ..Default::default() });
-            Caustics::new(gpu, &flags, strategy, pixels)
+            let constants = layouts::Strategy { sample_counts: counts, s, ..Default::default() };
+            Caustics::new(gpu, &flags, StrategyUniforms::new(gpu, &constants, 1), pixels)
         });
         let after_light: &[Flag] = if caustics.is_some() { &[Flag::Caustics] } else { &[] };
         let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
@@ -221,13 +222,6 @@ impl Passes {
     }
 }
 
-/// Uploads the constants of a strategy.
-fn strategy(gpu: &Gpu, constants: &layouts::Strategy) -> wgpu::Buffer {
-    let uniform = gpu.uniform::<layouts::Strategy>("strategy");
-    gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(constants));
-    uniform
-}
-
 /// Builds the pass of a connection.
 fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, clamp_distance: f32) -> ConnectionPass {
     let constants = layouts::Strategy {
@@ -237,7 +231,9 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         clear: u32::from(plan.is_clear(c)),
         clamp_distance,
         narrow_only: u32::from(c.narrow_only),
-        ..Default::default()
+        light_points: plan.points_connected(c),
+        lights: plan.lights_connected(c),
+        pad: 0,
     };
     let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, flags.guide, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
@@ -245,7 +241,7 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
     let from_candidates = plan.has_candidates() && c.is_direct();
     ConnectionPass {
         connection: *c,
-        strategies: (0..plan.lights_connected(c)).map(|_| strategy(gpu, &constants)).collect(),
+        strategies: StrategyUniforms::new(gpu, &constants, plan.lights_connected(c)),
         pass: (!from_candidates).then(|| Connect::new(gpu, &shader, c.s, c.clamped)),
     }
 }
@@ -257,14 +253,14 @@ fn extension(
     flags: &FlagSets,
     e: &Extension,
     clamp_distance: f32,
-) -> (wgpu::Buffer, Extend) {
+) -> (StrategyUniforms, Extend) {
     let sample_counts = e.samples.map(|n| n as f32);
     let narrow_only = u32::from(e.narrow_only);
     let constants = layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, ..Default::default() };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
     let guide = if e.hits_emitter { flags.guide } else { &[] };
     let shader = flags.with(&[emitters, guide, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
-    (strategy(gpu, &constants), Extend::new(gpu, &shader, e.last))
+    (StrategyUniforms::new(gpu, &constants, 1), Extend::new(gpu, &shader, e.last))
 }
 
 /// Builds the passes of light candidates and of their reuse.

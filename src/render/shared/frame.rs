@@ -179,7 +179,7 @@ impl Frame {
             }
             if let Some((strategy, pass)) = self.passes.extensions.get(j as usize - 1) {
                 let bundle = (!self.plan.own_directions).then(|| self.views.get(ViewRole::Bundle(j - 1)));
-                pass.record(recording, band, strategy, bundle, self.guides(band), self.passes.guide());
+                pass.record(recording, band, strategy.of(0), bundle, self.guides(band), self.passes.guide());
             }
         }
     }

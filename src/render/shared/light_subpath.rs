@@ -11,6 +11,7 @@ use crate::render::shared::passes::light::light_importance::LightImportance;
 use crate::render::shared::passes::light::light_subpath::LightSubpathInputs;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::views::ViewRole;
+use crate::render::shared::strategy_uniforms::StrategyUniforms;
 
 impl Frame {
     /// Invalidates all views: something has moved.
@@ -138,15 +139,14 @@ impl Frame {
         let pass = LightImportance::new(gpu, &flags, lights.count());
         let uniform = frame_uniform(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0);
         self.pixels.write_uniform(gpu, 0, &uniform);
-        let strategy = gpu.uniform::<layouts::Strategy>("strategy");
         let direct = layouts::Strategy { sample_counts: [0.0, 1.0, 0.0, 0.0], s: 1, j: 1, ..Default::default() };
-        gpu.queue.write_buffer(&strategy, 0, bytemuck::bytes_of(&direct));
+        let strategy = StrategyUniforms::new(gpu, &direct, 1);
         let mut recording = Recording::new(gpu, scene, "light importance");
         self.gbuffer_camera = None;
         self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
         for band in self.pixels.bands(0) {
             self.begin_eye_subpaths(&mut recording, &band);
-            pass.record(&mut recording, &band, &strategy);
+            pass.record(&mut recording, &band, strategy.of(0));
         }
         recording.submit();
         pass.read(gpu).await

@@ -9,6 +9,7 @@ pub mod growth;
 mod light_subpath;
 pub mod passes;
 pub mod plan;
+mod strategy_uniforms;
 pub mod views;
 
 use async_trait::async_trait;

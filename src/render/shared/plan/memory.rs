@@ -50,19 +50,27 @@ impl FramePlan {
         maps.map(|v| self.list_words(v.texels, self.node_capacity(triangles, v.texels, limit))).max().unwrap_or(0)
     }
 
+    /// Returns the bytes of an eye vertex with its surface, in a buffer of its own.
+    pub(super) fn eye_vertex_bytes(&self) -> u64 {
+        layouts::EyeVertex::bytes(self.is_demodulated(), self.transmits(), self.caustics)
+            + layouts::Shading::bytes(&self.surface_flags)
+    }
+
+    /// True if layers are kept without the colour of surfaces.
+    fn is_demodulated(&self) -> bool {
+        self.is_layered() && self.glossy()
+    }
+
     /// Returns the initial bytes of all buffers and textures beside the scene.
     pub(super) fn count_bytes(&self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> u64 {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         let (triangles, limit) = (stats.triangle_room() as u64, capabilities.max_storage_bytes);
         let layered = self.is_layered();
-        let demodulated = layered && self.glossy();
+        let demodulated = self.is_demodulated();
         let selected =
             if self.has_candidates() { layouts::SelectedLight::bytes(demodulated, self.reuses()) } else { 0 };
         let radiance = if layered { 48 } else { 16 };
-        let per_band_pixel = selected
-            + layouts::EyeVertex::bytes(demodulated, self.transmits(), self.caustics)
-            + layouts::Shading::bytes(&self.surface_flags)
-            + radiance;
+        let per_band_pixel = selected + self.eye_vertex_bytes() + radiance;
         let film = if layered { self.denoise().bytes() } else { pixels * film::DEVICE_BYTES };
         let converged = if self.skips_tiles { adaptive_sampling::bytes(settings.width, settings.height) } else { 0 };
         let reservoirs = if self.reuses() { 2 * size_of::<layouts::PixelReservoir>() as u64 } else { 0 };

@@ -30,7 +30,7 @@ use crate::settings::{LightSampling, RestirBias, Settings, Strategies, Visibilit
 const FEW_LIGHTS: usize = 16;
 
 /// Most lights that can each have a light point, and a view around it, in every iteration.
-const MOST_DIRECT_LIGHTS: usize = 4;
+pub const MOST_DIRECT_LIGHTS: usize = 4;
 
 /// Light points on the sky where it has a guide. Measured at 16 samples (docs/journal.md): with 4 an iteration
 /// takes up to a tenth longer and has a fifth less error; with 8 a fifth longer and a quarter less.
@@ -47,12 +47,16 @@ const CANDIDATES: u32 = 16;
 /// texels (Sponza), whose caustics are not worth a light path per pixel.
 const CAUSTIC_SHARE: f32 = 0.05;
 
-/// Pixels of a band: enough to fill a large device. A picture of up to two bands is one band: two took 8 %
-/// longer in cornell_point, while eight and sixteen are alike. The maps of light candidates are drawn for
-/// each band, so there bands are larger.
-const BAND_PIXELS: u32 = 1 << 17;
-const TWO_BANDS: u32 = 2 * BAND_PIXELS;
-const CANDIDATE_BAND_PIXELS: u32 = 1 << 20;
+/// Pixels of a band: as many as WebGPU's least binding holds eye vertices of. On a GPU many small bands take
+/// longer, since each pass waits for the slowest ray of the pass before (H100, Sponza at 1920x1080: 82, 45 and 35 ms
+/// for bands of 2^17, 2^19 and 2^22 pixels).
+const BAND_PIXELS: u32 = 1 << 20;
+
+/// Pixels of a band on a software driver, whose caches hold little. A picture of up to two bands is one band: two
+/// took 8 % longer in cornell_point, while eight and sixteen are alike. The maps of light candidates are drawn for
+/// each band, so there bands are large.
+const SMALL_BAND_PIXELS: u32 = 1 << 17;
+const TWO_SMALL_BANDS: u32 = 2 * SMALL_BAND_PIXELS;
 
 /// The extents of a scene's lights.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -265,7 +269,7 @@ impl FramePlan {
         };
         plan.choose_ray_views(stats, settings, capabilities);
         plan.choose_sky_points(stats, settings);
-        plan.divide_image(stats, settings);
+        plan.divide_image(stats, settings, capabilities);
         plan.bytes = plan.count_bytes(stats, settings, capabilities);
         plan.passes = plan.rows(stats, settings);
         plan
@@ -288,7 +292,7 @@ impl FramePlan {
     }
 
     /// Chooses the squares of interleaved sampling, the bands, and everything that depends on these.
-    fn divide_image(&mut self, stats: &SceneStats, settings: &Settings) {
+    fn divide_image(&mut self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) {
         (self.grid.side, self.interleave) = self.choose_side(stats, settings);
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
@@ -298,14 +302,15 @@ impl FramePlan {
         self.adaptive = self.skips_tiles && settings.crop.is_none();
         self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;
         self.draws_borders = !self.traces_camera && PIXELS_OF_BORDERS * stats.triangles as u64 <= pixels;
-        let usual = if self.has_candidates() && !self.reuses() {
-            CANDIDATE_BAND_PIXELS
-        } else if pixels <= u64::from(TWO_BANDS) {
-            TWO_BANDS
-        } else {
+        let usual = if !capabilities.software || (self.has_candidates() && !self.reuses()) {
             BAND_PIXELS
+        } else if pixels <= u64::from(TWO_SMALL_BANDS) {
+            TWO_SMALL_BANDS
+        } else {
+            SMALL_BAND_PIXELS
         };
-        self.grid.band_pixels = settings.band_pixels.unwrap_or(usual);
+        let fitting = (capabilities.max_storage_bytes / self.eye_vertex_bytes()).max(1);
+        self.grid.band_pixels = settings.band_pixels.unwrap_or(usual.min(u32::try_from(fitting).unwrap_or(u32::MAX)));
     }
 
     /// True if another plan has the same pipelines and buffers, for perhaps another number of triangles.
@@ -349,10 +354,23 @@ impl FramePlan {
         if connection.is_direct() { self.direct_lights.max(1) } else { 1 }
     }
 
-    /// Returns the number of light points that pass connect runs over.
+    /// Returns the number of light points that pass connect connects.
     #[must_use]
     pub fn points_connected(&self, connection: &Connection) -> u32 {
         self.lights_connected(connection) + if connection.is_direct() { self.sky_points - 1 } else { 0 }
+    }
+
+    /// Returns the number of runs of pass connect in a band: one for each light point with a map, one for all that
+    /// rays connect.
+    #[must_use]
+    pub fn runs_of(&self, connection: &Connection) -> u32 {
+        if self.connects_by_rays(connection) { 1 } else { self.points_connected(connection) }
+    }
+
+    /// True if rays test whether z_j sees light points.
+    #[must_use]
+    pub fn connects_by_rays(&self, connection: &Connection) -> bool {
+        connection.s == 1 && self.ray_views.lights
     }
 
     /// True if a connection is made in a class of its own, at the resolution of the image.

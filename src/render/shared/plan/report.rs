@@ -141,7 +141,7 @@ impl FramePlan {
             if self.shares_gbuffer { "; without a lens two iterations share it, since triangles are many" } else { "" };
         let connections = self.connections.iter().filter(|c| !(self.has_candidates() && c.is_direct()));
         let connections =
-            connections.map(|c| self.points_connected(c) * if self.is_apart(c) { clear_bands } else { bands }).sum();
+            connections.map(|c| self.runs_of(c) * if self.is_apart(c) { clear_bands } else { bands }).sum();
         let connect = if self.light_vertices == 0 {
             NO_LIGHT.to_owned()
         } else {

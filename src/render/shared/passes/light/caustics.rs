@@ -6,11 +6,12 @@
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
+use crate::render::shared::strategy_uniforms::StrategyUniforms;
 
 /// The pass, and what it adds to each pixel of the image.
 pub struct Caustics {
     compute: Compute,
-    strategy: wgpu::Buffer,
+    strategy: StrategyUniforms,
     /// Sums per pixel of the image (shaders/lib/pixels/splats.wesl).
     pub splats: wgpu::Buffer,
 }
@@ -22,7 +23,7 @@ impl Caustics {
     /// Builds the pipeline, and allocates the sums of an image of a number of pixels. `strategy` says which
     /// strategies (s, 1) count.
     #[must_use]
-    pub fn new(gpu: &Gpu, flags: &[Flag], strategy: wgpu::Buffer, pixels: u64) -> Self {
+    pub fn new(gpu: &Gpu, flags: &[Flag], strategy: StrategyUniforms, pixels: u64) -> Self {
         let splats = gpu.storage("splats", pixels * Self::BYTES);
         Self { compute: Compute::new(gpu, "shared/light/caustics", flags), strategy, splats }
     }
@@ -32,7 +33,7 @@ impl Caustics {
     pub fn record(&self, recording: &mut Recording, band: &Band, size: [u32; 2], log: &wgpu::Buffer) {
         recording.encoder.clear_buffer(&self.splats, 0, None);
         let buffers = [
-            ("strategy", self.strategy.as_entire_binding()),
+            ("strategy", self.strategy.of(0)),
             ("splats", self.splats.as_entire_binding()),
             ("log", log.as_entire_binding()),
         ];

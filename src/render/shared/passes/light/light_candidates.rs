@@ -43,13 +43,13 @@ impl LightCandidates {
         &self,
         recording: &mut Recording,
         band: &Band,
-        strategy: &wgpu::Buffer,
+        strategy: wgpu::BindingResource,
         light_points: &wgpu::Buffer,
         reservoirs: Option<&wgpu::Buffer>,
     ) {
         let buffers = [
             ("selected_lights", self.selected_lights.as_entire_binding()),
-            ("strategy", strategy.as_entire_binding()),
+            ("strategy", strategy),
             ("light_points", light_points.as_entire_binding()),
         ];
         let reservoirs: Vec<_> = reservoirs.iter().map(|r| ("pixel_reservoirs", r.as_entire_binding())).collect();

@@ -24,9 +24,8 @@ impl LightImportance {
     }
 
     /// Records the pass.
-    pub fn record(&self, recording: &mut Recording, band: &Band, strategy: &wgpu::Buffer) {
-        let buffers =
-            [("strategy", strategy.as_entire_binding()), ("light_importance", self.importance.as_entire_binding())];
+    pub fn record(&self, recording: &mut Recording, band: &Band, strategy: wgpu::BindingResource) {
+        let buffers = [("strategy", strategy), ("light_importance", self.importance.as_entire_binding())];
         recording.run(&self.compute, rows(self.count), &[&band.bindings(), &buffers]);
     }
 

@@ -8,6 +8,9 @@ use crate::render::layouts;
 use crate::render::recording::Recording;
 use crate::render::visibility::view::ViewBuffers;
 
+/// Light points that passes take at once as a uniform (shaders/shared/paths/connect.wesl).
+const MOST_POINTS: u32 = 8;
+
 const POINT_BYTES: u64 = size_of::<layouts::LightPoint>() as u64;
 
 /// The pass.
@@ -33,7 +36,7 @@ impl LightPoint {
             count,
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
             views: gpu.upload("light_views", &vec![view; count as usize]),
-            points: gpu.storage("light_points", u64::from(count) * POINT_BYTES),
+            points: gpu.storage("light_points", u64::from(count.max(MOST_POINTS)) * POINT_BYTES),
             copy: one_by_one.then(|| gpu.storage("light_point", POINT_BYTES)),
         }
     }

@@ -60,13 +60,13 @@ impl LightReservoirs {
         &self,
         recording: &mut Recording,
         band: &Band,
-        strategy: &wgpu::Buffer,
+        strategy: wgpu::BindingResource,
         light_points: &wgpu::Buffer,
         selected_lights: &wgpu::Buffer,
     ) {
         let buffers = [
             ("selected_lights", selected_lights.as_entire_binding()),
-            ("strategy", strategy.as_entire_binding()),
+            ("strategy", strategy),
             ("light_points", light_points.as_entire_binding()),
             ("past_light_points", self.past_points.as_entire_binding()),
             ("pixel_reservoirs", self.reservoirs.as_entire_binding()),

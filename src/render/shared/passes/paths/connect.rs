@@ -1,4 +1,5 @@
-//! connect: connects z_j of every pixel with one light vertex (eq. (3)-(8)); one run per strategy.
+//! connect: connects z_j of every pixel with one light vertex (eq. (3)-(8)); one run per strategy. Rays connect it with
+//! the points of all lights in one run.
 //!
 //! Reads: the eye vertices, the light vertices and the map around the one that is connected. Writes: the
 //! iteration's image. Skipped when: there are no lights; light candidates make direct light.
@@ -13,12 +14,12 @@ pub struct Connect(Compute);
 
 /// The inputs beside the band's pixels.
 pub struct ConnectInputs<'a> {
-    /// The strategy's constants.
-    pub strategy: &'a wgpu::Buffer,
-    /// The map around the light vertex.
-    pub view: &'a ViewBuffers,
-    /// The light point y0.
-    pub y0: &'a wgpu::Buffer,
+    /// The strategy's constants; by rays for all lights.
+    pub strategy: wgpu::BindingResource<'a>,
+    /// The map around the light vertex, unless rays connect light points.
+    pub view: Option<&'a ViewBuffers>,
+    /// The light point; by rays all of them.
+    pub y0: wgpu::BindingResource<'a>,
     /// The VPLs y1 and y2.
     pub light_vertices: &'a wgpu::Buffer,
     /// The reflective shadow map of y0, if its light has one.
@@ -46,13 +47,17 @@ impl Connect {
     /// Records the pass.
     pub fn record(&self, recording: &mut Recording, band: &Band, inputs: &ConnectInputs) {
         let buffers = [
-            ("strategy", inputs.strategy.as_entire_binding()),
-            ("y0", inputs.y0.as_entire_binding()),
+            ("strategy", inputs.strategy.clone()),
+            ("strategies", inputs.strategy.clone()),
+            ("y0", inputs.y0.clone()),
+            ("light_points", inputs.y0.clone()),
             ("light_vertices", inputs.light_vertices.as_entire_binding()),
         ];
+        let view = inputs.view.map(ViewBuffers::bindings);
+        let view = view.as_ref().map_or(&[][..], |view| view);
         let rsm: Vec<_> = inputs.rsm.iter().map(|table| ("rsm", table.as_entire_binding())).collect();
         let guide: Vec<_> =
             inputs.guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
-        recording.run(&self.0, band.size, &[&inputs.view.bindings(), &band.bindings(), &buffers, &rsm, &guide]);
+        recording.run(&self.0, band.size, &[view, &band.bindings(), &buffers, &rsm, &guide]);
     }
 }

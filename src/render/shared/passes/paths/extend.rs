@@ -34,12 +34,12 @@ impl Extend {
         &self,
         recording: &mut Recording,
         band: &Band,
-        strategy: &wgpu::Buffer,
+        strategy: wgpu::BindingResource,
         bundle: Option<&ViewBuffers>,
         guides: Option<&wgpu::Buffer>,
         sky_guide: Option<&wgpu::TextureView>,
     ) {
-        let strategy = [("strategy", strategy.as_entire_binding())];
+        let strategy = [("strategy", strategy)];
         let bundle: Vec<_> = bundle.into_iter().flat_map(ViewBuffers::bindings).collect();
         let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
         let sky_guide: Vec<_> =
