@@ -86,8 +86,8 @@ impl Frame {
         }
     }
 
-    /// Writes the sample counts for MIS: with one sample per light, strategy s = 1 counts as 1 / p(light)
-    /// samples.
+    /// Writes the number of light points, and the sample counts for MIS: with one sample per light, strategy s = 1
+    /// counts as 1 / p(light) samples.
     pub(super) fn write_sample_counts(&self, gpu: &Gpu, lights: &LightTable) {
         let count = |samples: [u32; 4], light: &LightRecord| {
             let points = if light.kind == SKY { self.plan.sky_points } else { 1 };
@@ -95,6 +95,8 @@ impl Frame {
         };
         for ConnectionPass { connection, strategies, .. } in &self.passes.connections {
             if connection.is_direct() {
+                let points = self.plan.points_connected(connection).min(self.light_points.len() as u32);
+                strategies.write_light_points(gpu, points);
                 for (n, light) in (0..).zip(&lights.records) {
                     strategies.write_light_samples(gpu, n, count(connection.samples, light));
                 }

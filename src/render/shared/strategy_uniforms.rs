@@ -47,4 +47,10 @@ impl StrategyUniforms {
             gpu.queue.write_buffer(&self.buffer, STRIDE * u64::from(light) + at as u64, bytemuck::bytes_of(&samples));
         }
     }
+
+    /// Writes the number of light points of an iteration, which dark lights do not have.
+    pub fn write_light_points(&self, gpu: &Gpu, count: u32) {
+        let at = std::mem::offset_of!(layouts::Strategy, light_points);
+        gpu.queue.write_buffer(&self.buffer, at as u64, bytemuck::bytes_of(&count));
+    }
 }
