@@ -133,6 +133,9 @@ const HAS_CAUSTICS: [&str; 2] = ["shared/camera/eye_vertices", "shared/film/accu
 /// Passes that follow the guide of the sky.
 const HAS_GUIDE: [&str; 5] = ["shared/light/light_point", "shared/light/light_subpath", CONNECT, EXTEND, "sky_draws"];
 
+/// Passes that write lists.
+const WRITES_LISTS: [&str; 2] = ["shared/views/view_setup", "shared/views/view_lists"];
+
 /// Passes that query views around light vertices, which may be infinite.
 const QUERIES_LIGHTS: [&str; 4] = [CONNECT, LIGHT_CANDIDATES, LIGHT_RESERVOIRS, "queries"];
 
@@ -148,6 +151,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .copied()
         .filter(|f| *f != Flag::Specular && (mirrors || *f != Flag::Transmission))
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
+        .filter(|f| WRITES_LISTS.contains(&pass) || *f != Flag::PerTexel)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
         .filter(|f| ![Flag::SkyGuide, Flag::Swizzled].contains(f))
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))

@@ -105,6 +105,8 @@ flags! {
     Clamped = "CLAMPED",
     /// The extension is the last one: hits on emitters count, and no vertex is written.
     Last = "LAST",
+    /// The threads of a workgroup list a triangle texel by texel, as a GPU needs.
+    PerTexel = "PER_TEXEL",
     /// Threads take pixel rows in turns, as a software driver needs.
     Swizzled = "SWIZZLED",
     /// Bundle directions follow the environment map.

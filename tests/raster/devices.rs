@@ -3,7 +3,8 @@
 use crate::common;
 
 use lightsheaf::gpu::{Gpu, GpuError};
-use lightsheaf::settings::Settings;
+use lightsheaf::metrics::compare;
+use lightsheaf::settings::{Settings, Technique, VisibilityFrom};
 
 const RAY_TRACING: wgpu::Features = wgpu::Features::EXPERIMENTAL_RAY_QUERY
     .union(wgpu::Features::EXPERIMENTAL_RAY_HIT_VERTEX_RETURN)
@@ -22,6 +23,32 @@ fn raster_runs_on_a_device_without_ray_queries() {
 }
 
 /// Runs are counted all the time, and timed when asked for. The device is this test's own.
+/// What a GPU does otherwise than a software driver does not change pictures: lists texel by texel, large bands, a finer
+/// grid, the order of threads.
+#[test]
+fn gpus_and_software_drivers_make_the_same_pictures() {
+    let Some(gpu) = common::gpu() else { return };
+    let Ok(mut other) = Gpu::new() else { return };
+    other.capabilities.software ^= true;
+    let names =
+        ["builtin:cornell_point", "builtin:displaced_room:5000", "builtin:cornell_area", "builtin:cornell_glossy"];
+    for name in names {
+        let scene = lightsheaf::scene::load(name).unwrap();
+        let lists = (Technique::RASTER, VisibilityFrom::Lists);
+        for (technique, visibility_from) in
+            [lists, (Technique::RASTER, VisibilityFrom::Grid), (Technique::FAST, VisibilityFrom::Auto)]
+        {
+            let base = Settings { technique, visibility_from, ..Settings::plain() };
+            let settings = Settings { width: 48, height: 48, samples: 4, interleave: Some(1), ..base };
+            let [(a, seen), (b, _)] = [&other, gpu].map(|gpu| common::raster(gpu, &scene, &settings));
+            let difference = compare(&a, &b).unwrap();
+            println!("{name}, {technique}, {visibility_from:?}: {}", difference.rel_mse);
+            assert!(difference.rel_mse < 1e-8, "{name}, {technique}: {}", difference.rel_mse);
+            assert_eq!((seen.lost_nodes, seen.non_finite), (0, 0));
+        }
+    }
+}
+
 #[test]
 fn passes_are_timed_when_asked_for() {
     let Some(gpu) = common::gpu().and_then(|_| Gpu::new().ok()) else { return };

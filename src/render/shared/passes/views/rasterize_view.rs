@@ -32,10 +32,11 @@ impl RasterizeView {
     /// `surface` holds the flags of shaders that read surfaces.
     #[must_use]
     pub fn new(gpu: &Gpu, fast: bool, depth_maps: bool, surface: &[Flag]) -> Self {
-        let flags: &[Flag] = if fast { &[Flag::Fast] } else { &[] };
+        let per_texel = (!gpu.capabilities.software).then_some(Flag::PerTexel);
+        let flags: Vec<Flag> = fast.then_some(Flag::Fast).into_iter().chain(per_texel).collect();
         Self {
-            setup: Compute::new(gpu, "shared/views/view_setup", flags),
-            lists: Compute::new(gpu, "shared/views/view_lists", flags),
+            setup: Compute::new(gpu, "shared/views/view_setup", &flags),
+            lists: Compute::new(gpu, "shared/views/view_lists", &flags),
             depth_maps: depth_maps
                 .then(|| Compute::new(gpu, "shared/views/depth_maps", &[surface, &[Flag::Fast]].concat())),
             noise: (depth_maps && surface.contains(&Flag::Masks)).then(|| gpu.uniform::<u32>("noise")),
