@@ -47,8 +47,8 @@ step cargo test --locked --no-run
 # Most tests compile many variants of shaders for pictures of few pixels each: for them software Vulkan leaves out LLVM's
 # optimizations. With a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs 0.7,
 # but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
-# A process's tests share a device, which compiles shaders for one of them at a time, so that the largest test runs beside others,
-# in 0.6 of the time. None of them looks at a clock.
+# A process's tests share a device, which compiles shaders for one of them at a time, so that tests/paths alone keeps three quarters
+# of two cores busy, and tests/raster half: they run beside each other. None of these tests looks at a clock.
 beside=(animation blending guard raster shaders skip tessellation views visibility webgpu)
 mapfile -t others < <(cd tests && printf '%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vxF -e paths -e raster_statistics "${beside[@]/#/-e}")
 two_at_a_time() {

@@ -22,7 +22,6 @@ fn raster_runs_on_a_device_without_ray_queries() {
     assert!(film.pixels.iter().flatten().sum::<f32>() > 1.0);
 }
 
-/// Runs are counted all the time, and timed when asked for. The device is this test's own.
 /// What a GPU does otherwise than a software driver does not change pictures: lists texel by texel, large bands, a finer
 /// grid, the order of threads.
 #[test]
@@ -49,6 +48,7 @@ fn gpus_and_software_drivers_make_the_same_pictures() {
     }
 }
 
+/// Runs are counted all the time, and timed when asked for. The device is this test's own.
 #[test]
 fn passes_are_timed_when_asked_for() {
     let Some(gpu) = common::gpu().and_then(|_| Gpu::new().ok()) else { return };

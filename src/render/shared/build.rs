@@ -194,7 +194,7 @@ impl Passes {
         let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
         Self {
             light_point: (plan.light_vertices > 0).then(|| {
-                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1 || plan.sky_points > 1);
+                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1 && !plan.ray_views.lights);
                 LightPoint::new(gpu, &with(&[&plan.light_flags, guide]), count, plan.light_resolution, one_by_one)
             }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[&of_light, emission]))),

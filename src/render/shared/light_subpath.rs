@@ -49,7 +49,9 @@ impl Frame {
         if self.light_points.len() > 1 || !y0_is_kept {
             pass.record(recording, &self.light_points, self.passes.guide());
         }
-        let with_own_map = (self.plan.direct_lights.max(1) as usize).min(self.light_points.len());
+        // By rays only the light subpath needs a view, that of y0.
+        let with_own_map = if self.plan.ray_views.lights { 1 } else { self.plan.direct_lights.max(1) as usize };
+        let with_own_map = with_own_map.min(self.light_points.len());
         for (n, &LightStart { light, .. }) in self.light_points[..with_own_map].iter().enumerate() {
             let role = self.plan.light_view(light);
             if *self.views.map_of(role) != Some(light) {

@@ -40,7 +40,7 @@ pub struct Grid {
 /// Returns the cells along the longest side of the box of a number of triangles.
 ///
 /// On a surface of n^2 cells there are about triangles / n^2 in each. A GPU marches faster where lists are shorter
-/// (H100, paths of four bounces: 0.82 of the time in `displaced_room` of 60,000 triangles, 0.93 in Sponza); a
+/// (H100, paths of two bounces: 0.82 of the time in `displaced_room` of 60,000 triangles, 0.93 in Sponza); a
 /// software driver does not, and takes 1.4 to 1.8 times as long to make such a grid.
 fn cells_along(triangles: u32, capabilities: &Capabilities) -> u32 {
     let (factor, most) = if capabilities.software { (4.0, 64) } else { (6.0, 96) };

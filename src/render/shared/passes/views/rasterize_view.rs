@@ -64,7 +64,9 @@ impl RasterizeView {
         inputs.extend(self.noise.iter().map(|noise| ("noise", noise.as_entire_binding())));
         let triangles = recording.scene.triangles;
         recording.run(&self.setup, rows(triangles), &[&inputs]);
-        recording.run(&self.lists, [64 * triangles.clamp(1, GROUPS), 1], &[&inputs]);
+        // On a GPU few large triangles are many items.
+        let groups = if recording.gpu.capabilities.software { triangles.clamp(1, GROUPS) } else { GROUPS };
+        recording.run(&self.lists, [64 * groups, 1], &[&inputs]);
         if let Some(pass) = self.depth_maps.as_ref().filter(|_| view.answers == Answers::DepthMap) {
             recording.run(pass, rows(view.texels.count() as u32), &[&inputs]);
         }
