@@ -72,7 +72,7 @@ impl Frame {
     ) {
         let (roles, reuse) = (self.plan.candidate_views(), self.passes.light_reservoirs.as_ref());
         let reservoirs = reuse.map(|reuse| &reuse.reservoirs);
-        candidates.select(recording, band, strategies.of(0), &light_point.points, reservoirs);
+        candidates.select(recording, band, strategies.of(0), light_point.all(), reservoirs);
         for (n, &role) in roles.iter().enumerate().take(self.light_points.len()) {
             if n > 0 && reuse.is_none() {
                 self.rasterize_candidate(recording, n);
@@ -80,7 +80,7 @@ impl Frame {
             candidates.test(recording, band, n, self.views.get(role), reservoirs);
         }
         let Some(reuse) = reuse else { return };
-        reuse.select(recording, band, strategies.of(0), &light_point.points, &candidates.selected_lights);
+        reuse.select(recording, band, strategies.of(0), light_point.all(), &candidates.selected_lights);
         for (index, &role) in candidates.indices.iter().zip(&roles) {
             reuse.test(recording, band, index, self.views.get(role), &candidates.selected_lights);
         }

@@ -44,13 +44,13 @@ impl LightCandidates {
         recording: &mut Recording,
         band: &Band,
         strategy: wgpu::BindingResource,
-        light_points: &wgpu::Buffer,
+        light_points: wgpu::BindingResource,
         reservoirs: Option<&wgpu::Buffer>,
     ) {
         let buffers = [
             ("selected_lights", self.selected_lights.as_entire_binding()),
             ("strategy", strategy),
-            ("light_points", light_points.as_entire_binding()),
+            ("light_points", light_points),
         ];
         let reservoirs: Vec<_> = reservoirs.iter().map(|r| ("pixel_reservoirs", r.as_entire_binding())).collect();
         recording.run(&self.select, band.size, &[&band.bindings(), &buffers, &reservoirs]);

@@ -19,7 +19,7 @@ pub struct LightPoint {
     count: u32,
     starts: wgpu::Buffer,
     views: wgpu::Buffer,
-    /// The light points; the first is y0.
+    /// The light points, the first is y0; room for [`MOST_POINTS`].
     pub points: wgpu::Buffer,
     /// A copy of one of the others, for passes that take it as a uniform.
     copy: Option<wgpu::Buffer>,
@@ -52,6 +52,12 @@ impl LightPoint {
         let guide: Vec<_> =
             guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
         recording.run(&self.compute, [self.count, 1], &[&buffers, &guide]);
+    }
+
+    /// Returns the light points without the room behind them, for passes that ask for their number.
+    pub fn all(&self) -> wgpu::BindingResource<'_> {
+        let size = wgpu::BufferSize::new(u64::from(self.count) * POINT_BYTES);
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.points, offset: 0, size })
     }
 
     /// Returns the n-th light point as a uniform, valid until the next call.

@@ -61,13 +61,13 @@ impl LightReservoirs {
         recording: &mut Recording,
         band: &Band,
         strategy: wgpu::BindingResource,
-        light_points: &wgpu::Buffer,
+        light_points: wgpu::BindingResource,
         selected_lights: &wgpu::Buffer,
     ) {
         let buffers = [
             ("selected_lights", selected_lights.as_entire_binding()),
             ("strategy", strategy),
-            ("light_points", light_points.as_entire_binding()),
+            ("light_points", light_points),
             ("past_light_points", self.past_points.as_entire_binding()),
             ("pixel_reservoirs", self.reservoirs.as_entire_binding()),
             ("past_reservoirs", self.past_reservoirs.as_entire_binding()),
