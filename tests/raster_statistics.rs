@@ -9,7 +9,7 @@ mod common;
 use std::f32::consts::PI;
 use std::sync::OnceLock;
 
-use common::scenes::{add, inverted, pinhole, quad, sphere};
+use common::scenes::{add, inverted, pinhole, quad, room_with_a_window, sphere};
 use common::statistics::{Look, MISSED, Verdict, check_distribution, compare, compare_pixels};
 use common::{gpu, gpu_with_ray_queries, one_at_a_time, picture, raster, reference};
 use glam::{Mat3, Vec3};
@@ -436,15 +436,19 @@ fn the_roughness_clamp_counts_the_points_of_a_pool() {
 ///
 ///     cargo test --test raster_statistics -- --ignored --nocapture pixels
 ///
+/// In the room with a window light of the sky follows a guide that has been learned. `SCENE` chooses a scene.
+///
 /// Paths from the camera hardly ever find the bright spot of corner_spikes, so that the reference's pictures
 /// are dark there. ray-query judges that scene instead; tests/paths compares it with Mitsuba.
 #[test]
 #[ignore = "minutes: the table"]
 fn pixels_agree() {
+    const WINDOW: &str = "room with a window";
     let Some(gpu) = gpu_with_ray_queries() else { return };
     println!(
         "| scene | judge | pixels that pass | worst pixel: difference, standard error | mean |\n|---|---|---|---|---|"
     );
+    let mut rows = 0;
     for (name, judge) in [
         ("cornell_point", Technique::REFERENCE),
         ("cornell_area", Technique::REFERENCE),
@@ -452,8 +456,12 @@ fn pixels_agree() {
         ("corner_spikes", Technique::RAY_QUERY),
         ("integrating_sphere", Technique::REFERENCE),
         ("displaced_room:5000", Technique::REFERENCE),
+        (WINDOW, Technique::REFERENCE),
     ] {
-        let scene = builtin::load(name).unwrap();
+        if std::env::var("SCENE").is_ok_and(|wanted| wanted != name) {
+            continue;
+        }
+        let scene = if name == WINDOW { room_with_a_window() } else { builtin::load(name).unwrap() };
         let base = Settings { width: 128, height: 128, samples: 256, ..Settings::plain() };
         let films = pictures(gpu, &scene, &base);
         let expected: Vec<_> = (1..=10)
@@ -478,5 +486,7 @@ fn pixels_agree() {
             100.0 * image.image[1],
         );
         assert!(pixels.agrees(), "{name}: {pixels:?}");
+        rows += 1;
     }
+    assert!(rows > 0, "no scene has that name");
 }

@@ -1,11 +1,11 @@
 //! Small scenes built by hand, for tests of every method.
 
-use glam::{Affine3A, Vec2, Vec3};
+use glam::{Affine3A, Mat3, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceOutput, ReferenceSettings};
 use lightsheaf::scene::model::shapes;
 #[allow(unused_imports, reason = "not every test builds with both")]
 pub use lightsheaf::scene::model::shapes::{add, quad};
-use lightsheaf::scene::{Camera, Emission, FovAxis, Material, Mesh, Projection, Scene};
+use lightsheaf::scene::{Camera, Emission, Environment, FovAxis, Material, Mesh, Projection, Scene};
 
 /// Returns a floor at height y, front up, from -half to half.
 pub fn floor(half: f32, y: f32) -> Mesh {
@@ -15,6 +15,27 @@ pub fn floor(half: f32, y: f32) -> Mesh {
 /// Returns the inside of a box from -1 to 1, fronts inwards.
 pub fn room() -> Mesh {
     shapes::room(1.0)
+}
+
+/// Returns a room from -1 to 1 whose window in +z lets light of an even sky in, and a camera inside.
+pub fn room_with_a_window() -> Scene {
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(-0.8, 0.1, 0.2), Vec3::X, 1.4)], ..Scene::default() };
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
+    for (corner, u, v) in [
+        (-x - y + z, x * 2.0, z * -2.0),
+        (-x + y - z, x * 2.0, z * 2.0),
+        (-x - y - z, x * 2.0, y * 2.0),
+        (-x - y + z, z * -2.0, y * 2.0),
+        (x - y - z, z * 2.0, y * 2.0),
+        // The wall with the window.
+        (x - y + z, x * -2.0, y * 1.2),
+        (x + y * 0.2 + z, x * -1.3, y * 0.8),
+    ] {
+        add(&mut scene, quad(corner, u, v), Material::diffuse("wall", Vec3::splat(0.7)));
+    }
+    scene.environment =
+        Some(Environment { radiance: Vec3::new(3.0, 2.0, 1.0), map: None, world_from_environment: Mat3::IDENTITY });
+    scene
 }
 
 /// Returns an icosahedron subdivided onto the unit sphere, fronts outwards, flat.
@@ -95,7 +116,7 @@ pub fn pinhole(at: Vec3, along: Vec3, fov: f32) -> Camera {
 fn look(at: Vec3, along: Vec3) -> Affine3A {
     let z = -along.normalize();
     let x = if z.y.abs() > 0.99 { Vec3::X } else { Vec3::Y.cross(z).normalize() };
-    Affine3A::from_mat3_translation(glam::Mat3::from_cols(x, z.cross(x), z), at)
+    Affine3A::from_mat3_translation(Mat3::from_cols(x, z.cross(x), z), at)
 }
 
 /// Renders a square image by the reference.

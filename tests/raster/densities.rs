@@ -12,6 +12,7 @@ use glam::{Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Flag, Gpu, rows};
 use lightsheaf::render::layouts::Found;
 use lightsheaf::render::layouts::found_lines::OF_DIRECTION;
+use lightsheaf::render::layouts::guide_size::GUIDE_PLACES;
 use lightsheaf::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
 use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
 use lightsheaf::render::layouts::{LightPoint, Lighting};
@@ -239,6 +240,7 @@ fn ask_sky(gpu: &Gpu, guide: &[f32], questions: &[SkyDraw]) -> Vec<SkyDraw> {
 #[test]
 fn light_of_the_sky_follows_its_guide() {
     const EVEN_STEPS: usize = 1 << 10;
+    const RUNS: usize = 10;
     let Some(gpu) = gpu() else { return };
     let sampler = |i: u32| Sampler::new(3, u64::from(i));
     let found: Vec<Found> = (0..4096)
@@ -249,7 +251,17 @@ fn light_of_the_sky_follows_its_guide() {
             Found { texel: (near(y, 0.7) * SIDE + near(x, 0.3)) | of_direction, value: 1.0 + x }
         })
         .collect();
-    let (guide, even) = (densities(&found), densities(&[]));
+    let guide = densities(&found);
+    // Densities that are told but not drawn from.
+    let moved: Vec<Found> = found.iter().map(|f| Found { texel: f.texel + GUIDE_PLACES, ..*f }).collect();
+    // A fifth of the density is even.
+    let halved: Vec<f32> = guide.iter().map(|density| 1.125 * density - 0.125).collect();
+    let planted = [
+        ("an even one", densities(&[])),
+        ("one of the first 64 finds", densities(&found[..64])),
+        ("one that is a cell of directions off", densities(&moved)),
+        ("one with half of the even part", halved),
+    ];
     let bin = |x: f32| ((x * 16.0) as usize).min(15);
     let check =
         |name: &str, drawn: Vec<SkyDraw>, asked: u32, place: &dyn Fn(&SkyDraw) -> [f32; 2], all: Vec<SkyDraw>| {
@@ -257,10 +269,11 @@ fn light_of_the_sky_follows_its_guide() {
             let again = ask_sky(gpu, &guide, &again);
             let differ = drawn.iter().zip(&again).filter(|(a, b)| (a.pdf / b.pdf - 1.0).abs() > 1e-3).count();
             assert!(differ < drawn.len() / 1000, "{name}: {differ} densities differ");
-            let mut counts = vec![0_u64; 256];
-            for [x, y] in drawn.iter().map(place) {
-                counts[bin(y) * 16 + bin(x)] += 1;
+            let mut runs = vec![vec![0_u64; 256]; RUNS];
+            for (i, [x, y]) in drawn.iter().map(place).enumerate() {
+                runs[i % RUNS][bin(y) * 16 + bin(x)] += 1;
             }
+            let counts: Vec<u64> = (0..256).map(|bin| runs.iter().map(|run| run[bin]).sum()).collect();
             let expected = |guide: &[f32]| {
                 let mut bins = vec![0.0; 256];
                 let answers = ask_sky(gpu, guide, &all);
@@ -271,12 +284,21 @@ fn light_of_the_sky_follows_its_guide() {
             };
             let right = expected(&guide);
             let mass: f64 = right.iter().sum();
-            let counted = |bins: Vec<f64>| bins.iter().map(|b| b / mass * f64::from(MANY)).collect::<Vec<_>>();
-            let p = p_value(&counts, &counted(right));
+            let counted = |bins: &[f64], draws: f64| bins.iter().map(|b| b / mass * draws).collect::<Vec<_>>();
+            let p = p_value(&counts, &counted(&right, f64::from(MANY)));
+            let noticed = |bins: &[f64]| {
+                let expected = counted(bins, f64::from(MANY) / RUNS as f64);
+                runs.iter().filter(|run| p_value(run, &expected) < SIGNIFICANCE / RUNS as f64).count()
+            };
             println!("{name}: p {p:.3}, mass {mass:.5}");
             assert!((mass - 1.0).abs() < 2e-3, "{name}: the density integrates to {mass}");
             assert!(p > 0.5 * SIGNIFICANCE, "{name}: p {p}");
-            assert!(p_value(&counts, &counted(expected(&even))) < 1e-6, "{name}: an even density was not noticed");
+            assert_eq!(noticed(&right), 0, "{name}: the right density");
+            for (what, guide) in &planted {
+                let noticed = noticed(&expected(guide));
+                println!("{name}: {what} in place of the density is noticed in {noticed} of {RUNS} runs");
+                assert!(noticed + 1 >= RUNS, "{name}: {what}, noticed in {noticed} of {RUNS} runs");
+            }
         };
     // Steps are jittered, so that the borders of cells do not fall between them in a row.
     let steps = || {

@@ -4,7 +4,7 @@ use crate::common;
 
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
-use common::scenes::{add, emitter, floor, inverted, parallel, pinhole, quad, sphere};
+use common::scenes::{add, emitter, floor, inverted, parallel, pinhole, quad, room_with_a_window, sphere};
 use common::{gpu, gpu_with_ray_queries};
 use glam::{Mat3, Vec2, Vec3};
 use lightsheaf::film::Film;
@@ -13,8 +13,7 @@ use lightsheaf::render::renderer::Renderer;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::render::subpaths::PathRenderer;
 use lightsheaf::scene::{
-    Camera, Cone, Environment, Filter, Image, Lamp, Light, Mapping, Material, Pattern, Scene, SpotFalloff, Texture,
-    TextureRef, Wrap,
+    Camera, Cone, Filter, Image, Lamp, Light, Mapping, Material, Pattern, Scene, SpotFalloff, Texture, TextureRef, Wrap,
 };
 use lightsheaf::settings::{Method, Settings, Strategies, Technique, VisibilityFrom};
 
@@ -424,23 +423,7 @@ fn lights_that_are_ignored_are_named() {
 /// A room with a window, lit by the sky: light subpaths follow what the view has found of the window.
 #[test]
 fn the_sky_through_a_window() {
-    let white = || Material::diffuse("wall", Vec3::splat(0.7));
-    let mut scene = Scene { cameras: vec![pinhole(Vec3::new(-0.8, 0.1, 0.2), Vec3::X, 1.4)], ..Scene::default() };
-    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z];
-    for (corner, u, v) in [
-        (-x - y + z, x * 2.0, z * -2.0),
-        (-x + y - z, x * 2.0, z * 2.0),
-        (-x - y - z, x * 2.0, y * 2.0),
-        (-x - y + z, z * -2.0, y * 2.0),
-        (x - y - z, z * 2.0, y * 2.0),
-        // The wall with the window.
-        (x - y + z, x * -2.0, y * 1.2),
-        (x + y * 0.2 + z, x * -1.3, y * 0.8),
-    ] {
-        add(&mut scene, quad(corner, u, v), white());
-    }
-    scene.environment =
-        Some(Environment { radiance: Vec3::new(3.0, 2.0, 1.0), map: None, world_from_environment: Mat3::IDENTITY });
+    let scene = room_with_a_window();
     let settings = |technique| Settings { technique, samples: 2048, ..Settings::plain() };
     let Some(gpu) = gpu() else { return };
     let of = |settings: Settings, guided: bool| {
