@@ -8,7 +8,7 @@ use lightsheaf::scene::{
     Boundary, Bsdf, Coat, Environment, EnvironmentMap, Fresnel, Lens, Light, Material, Mesh, Rows, Scene, Sides,
 };
 
-use super::scenes::*;
+use super::common::scenes::*;
 
 fn scene(camera: lightsheaf::scene::Camera) -> Scene {
     Scene { cameras: vec![camera], ..Scene::default() }

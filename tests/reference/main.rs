@@ -1,20 +1,20 @@
 //! The CPU reference: scenes whose answer is derived in a comment, its BSDFs and its ray queries.
 
 mod bsdf;
+#[path = "../common/mod.rs"]
+mod common;
 mod glass;
 mod queries;
-#[path = "../common/scenes.rs"]
-mod scenes;
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
+use common::scenes::*;
 use glam::{Mat3, Vec2, Vec3};
 use lightsheaf::reference::{Reference, ReferenceSettings};
 use lightsheaf::scene::{
     Bsdf, Environment, EnvironmentMap, Filter, Fresnel, Image, Light, Material, Opacity, Rows, Scalar, Scene, Sides,
     SpotFalloff, Texture, TextureRef, Wrap,
 };
-use scenes::*;
 
 fn scene(camera: lightsheaf::scene::Camera) -> Scene {
     Scene { cameras: vec![camera], ..Scene::default() }

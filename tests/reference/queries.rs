@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use lightsheaf::reference::Reference;
 use lightsheaf::scene::{Geometry, Material, Mesh, Scene};
 
-use super::scenes::{add, floor, inverted, room, sphere};
+use super::common::scenes::{add, floor, inverted, room, sphere};
 
 /// Generator of uniform numbers (PCG, XSH-RR).
 struct Random(u64);
