@@ -9,8 +9,8 @@ use crate::reference::{Reference, ReferenceSettings};
 use crate::scene::{Camera, EnvironmentChange, Instance, LUMINANCE, Lamp, Light, LoadError, Scene};
 
 /// Columns and rows, and samples per pixel, of the small picture.
-const SIDE: u32 = 24;
-const SAMPLES: u32 = 32;
+const SIDE: u32 = 48;
+const SAMPLES: u32 = 16;
 
 /// A pixel is lit if its luminance exceeds this fraction of the luminance at this quantile, and this fraction
 /// of the brightest emission's luminance.
@@ -26,8 +26,8 @@ const GLOW: f32 = 10.0;
 const ENOUGH: f32 = 0.1;
 
 /// The same fractions of emission and surfaces for scenes whose only light is what glows, such as the eyes of a toy: beside
-/// what is white, 1e-3 of it looks black.
-const OF_GLOW: f32 = 1e-3;
+/// what is white, 3e-3 of it, which is 10 of 255 in sRGB, looks black.
+const OF_GLOW: f32 = 3e-3;
 const ENOUGH_GLOW: f32 = 0.25;
 
 /// Least fraction of open directions around the visible points of a room for daylight.
@@ -103,28 +103,27 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     let bounces = Some(if scene.materials.iter().any(|m| m.transmits()) { 5 } else { 1 });
     let settings = ReferenceSettings { width: SIDE, height: SIDE, samples: SAMPLES, bounces, seed: 1, camera: 0 };
     let picture = reference.render(&settings, &|_, _| ()).film;
+    // By the same rays, so that what is seen to glow beside or within a pixel is no part of what it reflects.
+    reference.scatter(false);
+    let emission = reference.render(&settings, &|_, _| ()).film;
+    reference.scatter(true);
     let rays = camera::rays(camera, [SIDE, SIDE], [SIDE, SIDE]);
     let brightest = emissions(scene).map(|radiance| radiance.dot(LUMINANCE)).fold(0.0, f32::max);
     let glows = brightest <= GLOW && scene.lights.iter().all(|light| light.is_black(&scene.patterns));
     let (of_emitters, share) = if glows { (OF_GLOW, ENOUGH_GLOW) } else { (OF_EMITTERS, ENOUGH) };
     let visible = of_emitters * brightest.min(GLOW);
-    // Each entry is none without a hit, otherwise true if the surface at the pixel's centre emits more than the noise of a
-    // black texture.
-    let emits: Vec<Option<bool>> = rays
-        .map(|(origin, direction)| {
-            let hit = reference.first_hit(origin, direction)?;
-            Some(reference.emitted(&hit, direction).dot(LUMINANCE) > visible)
-        })
-        .collect();
-    // Pixels beside an emitter may include part of it.
-    let beside = |at: usize| {
-        let [x, y] = [at as u32 % SIDE, at as u32 / SIDE].map(|at| at.saturating_sub(1)..(at + 2).min(SIDE));
-        y.flat_map(|y| x.clone().map(move |x| y * SIDE + x)).any(|at| emits[at as usize] == Some(true))
-    };
-    let reflecting = (0..emits.len()).filter(|&at| emits[at].is_some() && !beside(at));
-    let luminances = reflecting.map(|at| Vec3::from(picture.pixels[at]).dot(LUMINANCE));
-    let mut luminances: Vec<f32> = luminances.collect();
-    if luminances.is_empty() {
+    // Of the surfaces at the pixels' centres, those that emit no more than the noise of a black texture.
+    let mut surfaces = 0;
+    let mut luminances = Vec::new();
+    for ((origin, direction), (&all, &seen)) in rays.zip(picture.pixels.iter().zip(&emission.pixels)) {
+        let Some(hit) = reference.first_hit(origin, direction) else { continue };
+        surfaces += 1;
+        if reference.emitted(&hit, direction).dot(LUMINANCE) <= visible {
+            luminances.push((Vec3::from(all) - Vec3::from(seen)).dot(LUMINANCE));
+        }
+    }
+    // Where nearly everything glows, such as a room of unlit surfaces, that is the picture.
+    if luminances.is_empty() || (luminances.len() as f32) < ENOUGH * surfaces as f32 {
         return false;
     }
     luminances.sort_by(f32::total_cmp);

@@ -337,6 +337,23 @@ fn light_that_shows_nothing_is_not_enough() {
     };
     assert!(with_emitter(1.0, 0.05).environment.is_some(), "an eye on a toy");
     assert!(with_emitter(1.0, 0.9).environment.is_some(), "a screen that lights nothing else");
+    // Narrower than a pixel, and in most of them: what glows there is not what the block reflects.
+    let mut striped = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
+    let stripe =
+        || Material { emission: Some(Emission { radiance: Vec3::ONE.into(), two_sided: false }), ..matte(Sides::Two) };
+    for at in (-19..20).map(|n| 0.05 * n as f32) {
+        let front = shapes::quad(Vec3::new(at, -1.0, 1.001), Vec3::X * 0.003, Vec3::Y * 2.0);
+        let right = shapes::quad(Vec3::new(1.001, -1.0, at), Vec3::Z * -0.003, Vec3::Y * 2.0);
+        let top = shapes::quad(Vec3::new(at, 1.001, 1.0), Vec3::X * 0.003, Vec3::Z * -2.0);
+        [front, right, top].into_iter().for_each(|mesh| shapes::add(&mut striped, mesh, stripe()));
+    }
+    staging::complete(&mut striped, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    assert!(striped.environment.is_some(), "stripes on a dark block");
+    let mut panelled = room(Vec3::new(3.0, 1.4, 4.0), false);
+    let panel = shapes::quad(Vec3::new(-1.0, 1.39, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0);
+    shapes::add(&mut panelled, panel, stripe());
+    staging::complete(&mut panelled, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    assert_eq!((panelled.lights.len(), panelled.environment), (0, None), "a panel in the ceiling lights a room");
     // A format that says its light means it.
     let mut dim = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
     dim.says_its_light = true;
