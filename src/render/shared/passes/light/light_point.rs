@@ -19,7 +19,7 @@ pub struct LightPoint {
     count: u32,
     starts: wgpu::Buffer,
     views: wgpu::Buffer,
-    /// The light points, the first is y0; room for [`MOST_POINTS`].
+    /// The light points, the first is y0; room for `MOST_POINTS`.
     pub points: wgpu::Buffer,
     /// A copy of one of the others, for passes that take it as a uniform.
     copy: Option<wgpu::Buffer>,
