@@ -25,7 +25,11 @@ const GLOW: f32 = 10.0;
 /// Least fraction of the visible surfaces that a scene's own light has to illuminate.
 const ENOUGH: f32 = 0.1;
 
-/// The same fractions of emission and surfaces for scenes whose only light is what glows, such as the eyes of a toy: beside
+/// Light is added where at least this fraction of the visible surfaces does not glow. Where nearly all do, such as in a
+/// room of unlit surfaces, that is the picture.
+const REFLECTING: f32 = 0.1;
+
+/// `OF_EMITTERS` and `ENOUGH` for scenes whose only light is what glows, such as the eyes of a toy: beside
 /// what is white, 3e-3 of it, which is 10 of 255 in sRGB, looks black.
 const OF_GLOW: f32 = 3e-3;
 const ENOUGH_GLOW: f32 = 0.25;
@@ -122,8 +126,7 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
             luminances.push((Vec3::from(all) - Vec3::from(seen)).dot(LUMINANCE));
         }
     }
-    // Where nearly everything glows, such as a room of unlit surfaces, that is the picture.
-    if luminances.is_empty() || (luminances.len() as f32) < ENOUGH * surfaces as f32 {
+    if luminances.is_empty() || (luminances.len() as f32) < REFLECTING * surfaces as f32 {
         return false;
     }
     luminances.sort_by(f32::total_cmp);

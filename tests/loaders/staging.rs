@@ -35,6 +35,11 @@ fn block(scene: &mut Scene, half: Vec3, at: Vec3) {
     place(scene, shapes::cube(), Sides::OneCulled, half, at);
 }
 
+/// Completes a scene for a picture of `SIDE` x `SIDE` pixels.
+fn complete(scene: &mut Scene) {
+    staging::complete(scene, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+}
+
 fn of(build: impl FnOnce(&mut Scene)) -> Scene {
     let mut scene = Scene::default();
     build(&mut scene);
@@ -254,7 +259,7 @@ fn every_kind_of_scene_is_in_the_picture() {
             wrong.push(format!("{name}: {chosen:?}, not {subject:?}"));
         }
         let mut staged = scene.clone();
-        staging::complete(&mut staged, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+        complete(&mut staged);
         if !staged.notes.iter().any(|note| note.contains(light)) {
             wrong.push(format!("{name}: {:?}, not {light}", staged.notes));
         }
@@ -332,7 +337,7 @@ fn light_that_shows_nothing_is_not_enough() {
         let emission = Some(Emission { radiance: Vec3::splat(radiance).into(), two_sided: true });
         let eye = shapes::quad(Vec3::new(-size, -size, 1.001), Vec3::X * (2.0 * size), Vec3::Y * (2.0 * size));
         shapes::add(&mut scene, eye, Material { emission, ..matte(Sides::Two) });
-        staging::complete(&mut scene, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+        complete(&mut scene);
         scene
     };
     assert!(with_emitter(1.0, 0.05).environment.is_some(), "an eye on a toy");
@@ -347,12 +352,12 @@ fn light_that_shows_nothing_is_not_enough() {
         let top = shapes::quad(Vec3::new(at, 1.001, 1.0), Vec3::X * 0.003, Vec3::Z * -2.0);
         [front, right, top].into_iter().for_each(|mesh| shapes::add(&mut striped, mesh, stripe()));
     }
-    staging::complete(&mut striped, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    complete(&mut striped);
     assert!(striped.environment.is_some(), "stripes on a dark block");
     let mut panelled = room(Vec3::new(3.0, 1.4, 4.0), false);
     let panel = shapes::quad(Vec3::new(-1.0, 1.39, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0);
     shapes::add(&mut panelled, panel, stripe());
-    staging::complete(&mut panelled, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    complete(&mut panelled);
     assert_eq!((panelled.lights.len(), panelled.environment), (0, None), "a panel in the ceiling lights a room");
     // A format that says its light means it.
     let mut dim = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
@@ -360,7 +365,7 @@ fn light_that_shows_nothing_is_not_enough() {
     let emission = Some(Emission { radiance: Vec3::ONE.into(), two_sided: true });
     let eye = shapes::quad(Vec3::new(-0.05, -0.05, 1.001), Vec3::X * 0.1, Vec3::Y * 0.1);
     shapes::add(&mut dim, eye, Material { emission, ..matte(Sides::Two) });
-    staging::complete(&mut dim, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    complete(&mut dim);
     assert!(dim.environment.is_none());
     // Every surface emits, but what its texture has is black, up to rounding.
     let mut dark = of(|s| block(s, Vec3::ONE, Vec3::ZERO));
@@ -369,11 +374,11 @@ fn light_that_shows_nothing_is_not_enough() {
     dark.textures.push(Texture { image: 0, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb: true });
     let texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY });
     dark.materials[0].emission = Some(Emission { radiance: Color { factor: Vec3::ONE, texture }, two_sided: false });
-    staging::complete(&mut dark, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    complete(&mut dark);
     assert!(dark.environment.is_some(), "emission that cannot be seen");
     let mut lit = room(Vec3::new(3.0, 1.4, 4.0), false);
     lit.lights.push(Light::Point { position: Vec3::Y, intensity: Vec3::splat(0.01) });
-    staging::complete(&mut lit, &Staging { size: [SIDE; 2], ..Staging::default() }).unwrap();
+    complete(&mut lit);
     assert_eq!((lit.lights.len(), lit.environment.is_none(), lit.notes.len()), (1, true, 1), "{:?}", lit.notes);
 }
 

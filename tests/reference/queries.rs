@@ -4,30 +4,12 @@ use glam::{DVec3, Vec3};
 use lightsheaf::reference::Reference;
 use lightsheaf::scene::{Geometry, Material, Mesh, Scene};
 
+use super::common::random::Random;
 use super::common::scenes::{add, floor, inverted, room, sphere};
 
-/// Generator of uniform numbers (PCG, XSH-RR).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f32 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let shifted = (((self.0 >> 18) ^ self.0) >> 27) as u32;
-        (shifted.rotate_right((self.0 >> 59) as u32) >> 8) as f32 / (1 << 24) as f32
-    }
-
-    fn point(&mut self) -> Vec3 {
-        Vec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
-    }
-
-    fn direction(&mut self) -> Vec3 {
-        loop {
-            let p = self.point();
-            if p.length_squared() <= 1.0 && p.length_squared() > 1e-4 {
-                return p.normalize();
-            }
-        }
-    }
+/// Returns a point of the cube from -1 to 1.
+fn point(random: &mut Random) -> Vec3 {
+    random.color() * 2.0 - 1.0
 }
 
 /// Returns triangles of mixed sizes all over the room, and the room.
@@ -36,8 +18,8 @@ fn clutter(count: u32) -> Scene {
     let mut mesh = Mesh::default();
     for i in 0..count {
         let size = if i % 10 == 0 { 1.0 } else { 0.1 };
-        let centre = random.point();
-        mesh.positions.extend((0..3).map(|_| Vec3::ZERO).map(|p| p + centre + random.point() * size));
+        let centre = point(&mut random);
+        mesh.positions.extend((0..3).map(|_| Vec3::ZERO).map(|p| p + centre + point(&mut random) * size));
         mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
     }
     let mut scene = Scene::default();
@@ -71,7 +53,7 @@ fn nearest_hits_and_edges_agree_with_brute_force() {
         let mut random = Random(u64::from(count));
         let mut different = 0;
         for _ in 0..queries {
-            let (origin, direction) = (random.point(), random.direction());
+            let (origin, direction) = (point(&mut random), random.direction());
             let expected = (0..geometry.triangles.len())
                 .filter_map(|i| Some((i, meet(geometry, i, origin, direction)?)))
                 .min_by(|a, b| a.1.total_cmp(&b.1))
@@ -86,7 +68,7 @@ fn nearest_hits_and_edges_agree_with_brute_force() {
             } else {
                 different += 1;
             }
-            let q = random.point();
+            let q = point(&mut random);
             let blocked =
                 (0..geometry.triangles.len()).any(|i| meet(geometry, i, origin, q - origin).is_some_and(|t| t < 1.0));
             different += u32::from(reference.occluded(origin, q, None, None) != blocked);
@@ -107,9 +89,9 @@ fn a_closed_mesh_leaks_no_ray() {
     let mut rays = 0;
     for i in 0..geometry.triangles.len() {
         let [a, b, _] = geometry.positions(i);
-        for target in [a, (a + b) * 0.5, a.lerp(b, random.next())] {
+        for target in [a, (a + b) * 0.5, a.lerp(b, random.unit())] {
             for _ in 0..20 {
-                let origin = random.point() * 0.5;
+                let origin = point(&mut random) * 0.5;
                 assert!(reference.closest_hit(origin, target - origin, None).is_some(), "{origin} to {target}");
                 rays += 1;
             }
@@ -134,9 +116,9 @@ fn triangles_are_excluded_and_their_planes_not_met_again() {
     let geometry = reference.geometry();
     let mut random = Random(9);
     for _ in 0..10_000 {
-        let triangle = (random.next() * 2.0) as usize;
+        let triangle = (random.unit() * 2.0) as usize;
         let [a, b, c] = geometry.positions(triangle);
-        let (mut u, mut v) = (random.next(), random.next());
+        let (mut u, mut v) = (random.unit(), random.unit());
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
@@ -145,7 +127,7 @@ fn triangles_are_excluded_and_their_planes_not_met_again() {
         up.y = up.y.abs().max(0.01);
         let hit = reference.closest_hit(p, up, Some(triangle as u32)).expect("the ceiling is wide");
         assert!(hit.triangle >= 4 && (hit.t * up.y - 3.0).abs() < 0.02, "{hit:?}");
-        let above = p + Vec3::new(random.next(), 1.5, random.next());
+        let above = p + Vec3::new(random.unit(), 1.5, random.unit());
         assert!(!reference.occluded(p, above, Some(triangle as u32), None));
         assert!(!reference.occluded(above, p, None, Some(triangle as u32)));
         let (above, below) = (p + Vec3::Y * 1.5, p - Vec3::Y * 1.5);
