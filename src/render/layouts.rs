@@ -404,10 +404,12 @@ layouts! {
         pad: u32,
     }
 
-    /// A share of the light that a path from the view found.
-    struct Found in "shared/light/sky_guide" {
-        texel: u32,
+    /// A line along which a path from the view found light of the sky.
+    struct FoundLine in "shared/light/sky_guide" {
+        w: [f32; 3],
         value: f32,
+        offset: [f32; 3],
+        vertex: u32,
     }
 
     /// A point on a light, at which a light subpath starts.
@@ -736,10 +738,10 @@ constants! {
         GUIDE_PLACES = 16,
     }
 
-    /// Texels over which a path spreads a line that it found, and the bit of those whose direction alone counts.
-    mod found_lines in "shared/light/sky_guide" {
-        SPREAD = 8,
-        OF_DIRECTION = 1 << 31,
+    /// Values of [`FoundLine::vertex`].
+    mod line_end in "shared/light/sky_guide" {
+        AT_Z1 = 0,
+        AT_LATER = 1,
     }
 
     /// Cells of the table of bundle directions.

@@ -10,12 +10,10 @@ use common::shaders::{self, LightDraw, PathWeights, SkyDraw};
 use common::statistics::{chi_square_tail, p_value};
 use glam::{Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Flag, Gpu, rows};
-use lightsheaf::render::layouts::Found;
-use lightsheaf::render::layouts::found_lines::OF_DIRECTION;
-use lightsheaf::render::layouts::guide_size::GUIDE_PLACES;
 use lightsheaf::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
+use lightsheaf::render::layouts::line_end::{AT_LATER, AT_Z1};
 use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
-use lightsheaf::render::layouts::{LightPoint, Lighting};
+use lightsheaf::render::layouts::{FoundLine, LightPoint, Lighting};
 use lightsheaf::render::lights::bundle_directions::BundleDirections;
 use lightsheaf::render::lights::sky_guide::{HEIGHT, SIDE, densities};
 use lightsheaf::render::sampler::{Decision, Sampler, uniform_sphere};
@@ -243,23 +241,25 @@ fn light_of_the_sky_follows_its_guide() {
     const RUNS: usize = 10;
     let Some(gpu) = gpu() else { return };
     let sampler = |i: u32| Sampler::new(3, u64::from(i));
-    let found: Vec<Found> = (0..4096)
-        .map(|i| {
-            let [x, y] = sampler(i).get2(Decision::Y1);
-            let near = |u: f32, middle: f32| (((middle + 0.2 * (u - 0.5)) * SIDE as f32) as u32).min(SIDE - 1);
-            let of_direction = if i % 3 == 0 { OF_DIRECTION } else { 0 };
-            Found { texel: (near(y, 0.7) * SIDE + near(x, 0.3)) | of_direction, value: 1.0 + x }
-        })
-        .collect();
+    // Light that comes from about `middle` through a place beside the scene's centre.
+    let middle = Vec3::new(-0.4, 0.4, 0.2).normalize();
+    let line = |i: u32, middle: Vec3| {
+        let ([x, y], [u, v]) = (sampler(i).get2(Decision::Y1), sampler(i).get2(Decision::Y2));
+        let w = (middle + 0.2 * (Vec3::new(x, y, u) - 0.5)).normalize();
+        let offset = Vec3::new(0.3, 0.5, 0.0) + 0.1 * Vec3::new(u, v, x);
+        let vertex = if i.is_multiple_of(3) { AT_Z1 } else { AT_LATER };
+        FoundLine { w: w.to_array(), value: 1.0 + x, offset: offset.to_array(), vertex }
+    };
+    let around = |middle: Vec3| (0..4096).map(|i| line(i, middle)).collect::<Vec<_>>();
+    let found = around(middle);
     let guide = densities(&found);
-    // Densities that are told but not drawn from.
-    let moved: Vec<Found> = found.iter().map(|f| Found { texel: f.texel + GUIDE_PLACES, ..*f }).collect();
     // A fifth of the density is even.
     let halved: Vec<f32> = guide.iter().map(|density| 1.125 * density - 0.125).collect();
+    // Densities that are told but not drawn from.
     let planted = [
         ("an even one", densities(&[])),
-        ("one of the first 64 finds", densities(&found[..64])),
-        ("one that is a cell of directions off", densities(&moved)),
+        ("one of the first 16 finds", densities(&found[..16])),
+        ("one that is a cell of directions off", densities(&around(middle + Vec3::new(0.0, 0.0, 0.1)))),
         ("one with half of the even part", halved),
     ];
     let bin = |x: f32| ((x * 16.0) as usize).min(15);
@@ -318,9 +318,7 @@ fn light_of_the_sky_follows_its_guide() {
     let on_sphere = |d: &SkyDraw| [d.w[1].atan2(d.w[0]).rem_euclid(TAU) / TAU, 0.5 * d.w[2] + 0.5];
     check("directions", drawn, 1, &on_sphere, directions.collect());
     // Lines along the middle of what was found; a line is where it meets the plane through the centre across it.
-    let square = Vec3::new(2.0 * 0.3 - 1.0, 2.0 * 0.7 - 1.0, 0.0);
-    let w = Vec3 { z: 1.0 - square.x.abs() - square.y.abs(), ..square }.normalize() + Vec3::splat(0.01);
-    let w = w.normalize();
+    let w = middle;
     let (right, up) = w.any_orthonormal_pair();
     let side = 4.4;
     let lines = steps().map(|[x, y]| {

@@ -13,6 +13,7 @@ use glam::Vec3;
 use crate::render::layouts::light_kind::{AREA, SPOT};
 use crate::render::layouts::light_node::{LEAF, MIRRORED};
 use crate::render::layouts::{LightNode, LightRecord};
+use crate::render::lights::octahedral::octahedral;
 use crate::render::lights::table::LightTable;
 use crate::scene::{Geometry, Scene, angle_of_versine};
 
@@ -80,7 +81,7 @@ impl LightTree {
                 radius2: (0.25 * all.low.distance_squared(all.high)) * (1.0 + 1e-5),
                 strength: all.strength,
                 child: child | if all.two_sided { MIRRORED } else { 0 },
-                axis: octahedral(all.axis),
+                axis: packed(all.axis),
                 cosines: snorm(all.normals.cos(), f32::floor)
                     | snorm((all.falloff + SLACK).min(PI).cos(), f32::floor) << 16,
             };
@@ -94,12 +95,10 @@ fn snorm(v: f32, round: fn(f32) -> f32) -> u32 {
     u32::from(round(v.clamp(-1.0, 1.0) * 32_767.0) as i16 as u16)
 }
 
-/// Encodes a unit vector as two 16-bit numbers (octahedral map).
-fn octahedral(v: Vec3) -> u32 {
-    let v = v / (v.x.abs() + v.y.abs() + v.z.abs());
-    let sign = |a: f32| if a >= 0.0 { 1.0 } else { -1.0 };
-    let [x, y] = if v.z >= 0.0 { [v.x, v.y] } else { [(1.0 - v.y.abs()) * sign(v.x), (1.0 - v.x.abs()) * sign(v.y)] };
-    snorm(x, f32::round) | snorm(y, f32::round) << 16
+/// Encodes a unit vector as two 16-bit numbers.
+fn packed(w: Vec3) -> u32 {
+    let p = octahedral(w);
+    snorm(p.x, f32::round) | snorm(p.y, f32::round) << 16
 }
 
 /// Returns the bounds of one light.
@@ -270,7 +269,10 @@ fn split(part: &mut [u32], lights: &[Bounds], all: &Bounds, level: u32) -> usize
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec2;
+
     use super::*;
+    use crate::render::lights::octahedral::from_octahedral;
 
     fn tree(records: Vec<LightRecord>) -> LightTree {
         let table =
@@ -323,12 +325,8 @@ mod tests {
     fn axes_and_cosines_survive_packing() {
         let unpacked = |bits: u32| f32::from(bits as u16 as i16) / 32_767.0;
         for v in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Z, Vec3::new(0.3, -0.8, -0.2).normalize()] {
-            let bits = octahedral(v);
-            let (x, y) = (unpacked(bits), unpacked(bits >> 16));
-            let z = 1.0 - x.abs() - y.abs();
-            let below = (-z).max(0.0);
-            let fold = |a: f32| a - if a >= 0.0 { below } else { -below };
-            let back = Vec3::new(fold(x), fold(y), z).normalize();
+            let bits = packed(v);
+            let back = from_octahedral(Vec2::new(unpacked(bits), unpacked(bits >> 16)));
             assert!(back.distance(v) < 0.1 * SLACK, "{v} is {back}");
         }
         for c in [-1.0, -0.3, 0.0, 0.999, 1.0_f32] {

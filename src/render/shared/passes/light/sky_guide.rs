@@ -5,8 +5,7 @@
 //! maps answer visibility, or the camera is outside the scene. Runs once a view.
 
 use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back_async, rows};
-use crate::render::layouts::Found;
-use crate::render::layouts::found_lines::SPREAD;
+use crate::render::layouts::FoundLine;
 use crate::render::lights::sky_guide::{HEIGHT, SIDE, densities};
 use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
@@ -15,8 +14,8 @@ use crate::render::upload::textures::{texture, write_texture};
 /// Paths that look for light.
 const PATHS: u32 = 1 << 14;
 
-/// Lines that they find, each spread over texels.
-const LINES: u32 = 2 * PATHS * SPREAD;
+/// Lines that they find at most.
+const LINES: u32 = 2 * PATHS;
 
 /// The pass and the guide.
 pub struct SkyGuide {
@@ -29,7 +28,7 @@ pub struct SkyGuide {
 
 impl SkyGuide {
     /// Bytes of the lines and of the guide.
-    pub const BYTES: u64 = LINES as u64 * size_of::<Found>() as u64 + SIDE as u64 * HEIGHT as u64 * 4;
+    pub const BYTES: u64 = LINES as u64 * size_of::<FoundLine>() as u64 + SIDE as u64 * HEIGHT as u64 * 4;
 
     /// Builds the pipeline and the guide.
     #[must_use]
@@ -37,7 +36,7 @@ impl SkyGuide {
         let texels = texture(gpu, "sky_guide", wgpu::TextureFormat::R32Float, [SIDE, HEIGHT, 1]);
         Self {
             compute: Compute::new(gpu, "shared/light/sky_guide", flags),
-            found: gpu.storage("found", u64::from(LINES) * size_of::<Found>() as u64),
+            found: gpu.storage("found", u64::from(LINES) * size_of::<FoundLine>() as u64),
             view: texels.create_view(&Default::default()),
             texels,
         }
@@ -59,7 +58,7 @@ impl SkyGuide {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn update(&self, gpu: &Gpu) -> Result<(), GpuError> {
-        let found: Vec<Found> = read_back_async(gpu, &self.found, LINES as usize).await?;
+        let found: Vec<FoundLine> = read_back_async(gpu, &self.found, LINES as usize).await?;
         let densities = densities(&found);
         write_texture(gpu, &self.texels, [0, 0, 0], [SIDE, HEIGHT], 4, bytemuck::cast_slice(&densities));
         Ok(())
