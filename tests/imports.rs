@@ -12,6 +12,7 @@
 //! - No circle of imports leads through files of different folders.
 //! - At most 8 files lie directly in src/.
 //! - A shader imports `package::lib`, and a pass also `package::visibility`, never another pass.
+//! - Numbers in shaders are no denormal ones, which devices may take for zero.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -519,4 +520,24 @@ fn planted_rules_are_broken() {
     assert!(broken_shader_rule("visibility/raster.wesl", "package::shared::paths::extend::main").is_some());
     assert!(broken_shader_rule("shared/paths/extend.wesl", "package::visibility::raster::sees").is_none());
     assert!(broken_shader_rule("shared/paths/extend.wesl", "package::lib::scene::NONE").is_none());
+}
+
+/// Returns the numbers in scientific notation whose size is below the least normal number.
+fn denormal_numbers(code: &str) -> Vec<&str> {
+    let words = code.split(|c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '-');
+    let is_denormal = |word: &&str| {
+        let number = word.trim_start_matches('-').parse::<f64>();
+        number.is_ok_and(|number| number > 0.0 && number < f64::from(f32::MIN_POSITIVE))
+    };
+    words.filter(is_denormal).collect()
+}
+
+#[test]
+fn shaders_have_no_denormal_numbers() {
+    assert_eq!(denormal_numbers("max(x, 1e-38) / (2e-39 + 1.2e-38)"), ["1e-38", "2e-39"]);
+    let shaders = files("shaders", "wesl");
+    assert!(!shaders.is_empty());
+    for (name, source) in shaders {
+        assert_eq!(denormal_numbers(&source), [""; 0], "{name}");
+    }
 }
