@@ -13,10 +13,12 @@
 //! an iteration has one position within the pixel, so antialiased edges need about three iterations for any
 //! n: with m = 30, a side beyond n = 3 only makes iterations longer.
 //!
-//! Only ratios matter. The constants were measured with Mesa's software driver on two cores. On an H100 Sponza at
-//! 1920x1080 takes 24, 33, 45 and 63 ms with sides of 1 to 4, so that the side that the model chooses, 3, has the
-//! shortest time per light subpath that the limits allow there, too. Nothing is measured during a render, so that the
-//! same scene, settings and device have the same side.
+//! Pixels of a class lie n apart, so that their rays and look-ups touch more of a GPU's caches: there `pixels` grows
+//! with n, too.
+//!
+//! Only ratios matter. The times of a unit of work were measured with Mesa's software driver on two cores and on an
+//! H100 ([`UnitTimes`]). Nothing is measured during a render, so that the same scene, settings and device have the same
+//! side.
 
 /// Largest ratio of the time of all light subpaths of an iteration to the time of its pixels. With 2 the time
 /// per light subpath of a picture is 1.5 times the minimum, with 1 it is 2 times.
@@ -31,67 +33,108 @@ const LARGEST: u32 = 3;
 /// (cornell_glossy), since the roughness clamp widens their lobes until there are enough samples.
 const LARGEST_OF_METALS: u32 = 6;
 
-/// Nanoseconds per texel of a view, whose list is cleared. cornell_point, 512x512: 1.3 ms for the 82,000
-/// texels of four views.
-const TEXEL: f64 = 16.0;
-
-/// Nanoseconds per triangle of a view, for setup and lists. Sponza, 262,000 triangles: 154 ms in five views,
-/// without their texels; `displaced_room` of 400,000 and 1,000,000 triangles: 137 ns.
-const TRIANGLE: f64 = 120.0;
-
-/// Nanoseconds of recording the commands of a light subpath.
-const SUBPATH: f64 = 500_000.0;
-
-/// Nanoseconds per pixel that the filter reads. cornell_point, 512x512, sides of 3 to 8: about 0.3 of the
-/// time of an extension.
-const TAP: f64 = 13.0;
-
-/// Nanoseconds per pixel for G-buffer, eye vertex and film. cornell_point, 512x512: 13 ms.
-const PIXEL: f64 = 50.0;
-
-/// Nanoseconds per connection. cornell_point: 47 ms for six.
-const CONNECTION: f64 = 30.0;
-
-/// Nanoseconds per extension along a bundle. cornell_point: 22 ms for two.
-const EXTENSION: f64 = 42.0;
-
-/// Nanoseconds per connection by which a ray through the grid takes longer than a look-up, 1.4 times the
-/// measurements below, since interleaved pixels lie apart. cornell_point: 55, `displaced_room` of 60,000
-/// triangles: 172, living-room: 260.
-const TRACED_CONNECTION: f64 = 77.0;
-
-/// Nanoseconds per extension by which a ray through the grid takes longer than a look-up, likewise.
-/// cornell_point: 62, `displaced_room`: 187, living-room: 230; in Sponza they are alike.
-const TRACED_EXTENSION: f64 = 87.0;
-
-/// Nanoseconds per connection by which a ray to infinity takes longer than a look-up, likewise. Sponza: 220,
-/// and 390 where pixels lie apart.
-const TRACED_TO_INFINITY: f64 = 105.0;
-
-/// Nanoseconds per pixel by which a ray of the camera takes longer than a pixel of the G-buffer, likewise.
-/// cornell_point: 38, `displaced_room`: 210, living-room: 340, Sponza: 520.
-const TRACED_PIXEL: f64 = 126.0;
-
-/// Relative increase of these for each doubling of triangles.
-const TRACED_DOUBLING: f64 = 0.2;
-
-/// Nanoseconds per triangle of making the grid, over the iterations that use it.
-const GRID: f64 = 20.0;
-
-/// Relative increase of the time of look-ups and hits for each doubling of triangles beyond
-/// [`FEW_TRIANGLES`]. Measured: 0.29 in `displaced_room` of 10,000 to 1,000,000 triangles (3.1 to 5.3 times
-/// as long), 0.22 in Sponza, which is glossy as well (7.4 times).
-const DOUBLING: f64 = 0.22;
-
 /// Triangles of a Cornell box.
 const FEW_TRIANGLES: u64 = 32;
 
-/// Factor of the time of look-ups and hits on glossy surfaces. cornell_glossy against cornell_point: 226 and
-/// 119 ms.
-const GLOSSY: f64 = 1.9;
+/// The times of units of work on a kind of device, in nanoseconds.
+///
+/// [`UnitTimes::SOFTWARE`] was measured pass by pass; where pixels lie apart, a ray takes 1.4 times as long as
+/// measured. [`UnitTimes::GPU`] is a fit, within a factor of 1.6, to iterations of six scenes with lists and grid, one to nine
+/// light subpaths (docs/results.md, "A GPU").
+struct UnitTimes {
+    /// Per texel of a view, whose list is cleared. cornell_point, 512x512: 1.3 ms for the 82,000 texels of four views.
+    texel: f64,
+    /// Per triangle of a view, for setup and lists. Sponza, 262,000 triangles: 154 ms in five views, without their
+    /// texels; `displaced_room` of 400,000 and 1,000,000 triangles: 137 ns.
+    triangle: f64,
+    /// Per view, for passes that wait for each other.
+    view: f64,
+    /// Per light subpath, for recording commands and starting passes.
+    subpath: f64,
+    /// Per pixel that the filter reads. cornell_point, 512x512, sides of 3 to 8: about 0.3 of the time of an extension.
+    tap: f64,
+    /// Per pixel, for G-buffer, eye vertex and film. cornell_point, 512x512: 13 ms.
+    pixel: f64,
+    /// Per connection. cornell_point: 47 ms for six.
+    connection: f64,
+    /// Per extension along a bundle. cornell_point: 22 ms for two.
+    extension: f64,
+    /// Per connection by which a ray through the grid takes longer than a look-up. cornell_point: 55, `displaced_room` of
+    /// 60,000 triangles: 172, living-room: 260.
+    traced_connection: f64,
+    /// Per extension by which a ray through the grid takes longer than a look-up. cornell_point: 62, `displaced_room`:
+    /// 187, living-room: 230; in Sponza they are alike.
+    traced_extension: f64,
+    /// Per connection by which a ray to infinity takes longer than a look-up. Sponza: 220, and 390 where pixels lie apart.
+    traced_to_infinity: f64,
+    /// Per pixel by which a ray of the camera takes longer than a pixel of the G-buffer. cornell_point: 38,
+    /// `displaced_room`: 210, living-room: 340, Sponza: 520.
+    traced_pixel: f64,
+    /// Relative increase of these for each doubling of triangles beyond [`FEW_TRIANGLES`].
+    traced_doubling: f64,
+    /// Per triangle of making the grid, over the iterations that use it.
+    grid: f64,
+    /// Relative increase of the time of look-ups and hits for each doubling of triangles beyond [`FEW_TRIANGLES`].
+    /// Measured: 0.29 in `displaced_room` of 10,000 to 1,000,000 triangles (3.1 to 5.3 times as long), 0.22 in Sponza,
+    /// which is glossy as well (7.4 times).
+    doubling: f64,
+    /// Factor of the time of look-ups and hits on glossy surfaces. cornell_glossy against cornell_point: 226 and 119 ms.
+    glossy: f64,
+    /// Per triangle of the G-buffer. Sponza: 60 to 80 ms.
+    drawn: f64,
+    /// Relative increase of the time of pixels for each step of the side.
+    spread: f64,
+    /// Relative increase of the additional time of rays for each step of the side.
+    traced_spread: f64,
+}
 
-/// Nanoseconds per triangle of the G-buffer. Sponza: 60 to 80 ms.
-const DRAWN: f64 = 250.0;
+impl UnitTimes {
+    /// Mesa's software driver on two cores.
+    const SOFTWARE: Self = Self {
+        texel: 16.0,
+        triangle: 120.0,
+        view: 0.0,
+        subpath: 500_000.0,
+        tap: 13.0,
+        pixel: 50.0,
+        connection: 30.0,
+        extension: 42.0,
+        traced_connection: 77.0,
+        traced_extension: 87.0,
+        traced_to_infinity: 105.0,
+        traced_pixel: 126.0,
+        traced_doubling: 0.2,
+        grid: 20.0,
+        doubling: 0.22,
+        glossy: 1.9,
+        drawn: 250.0,
+        spread: 0.0,
+        traced_spread: 0.0,
+    };
+
+    /// An NVIDIA H100.
+    const GPU: Self = Self {
+        texel: 0.1,
+        triangle: 0.2,
+        view: 60_000.0,
+        subpath: 380_000.0,
+        tap: 0.015,
+        pixel: 0.42,
+        connection: 0.08,
+        extension: 0.28,
+        traced_connection: 0.005,
+        traced_extension: 0.014,
+        traced_to_infinity: 0.0055,
+        traced_pixel: 0.024,
+        traced_doubling: 2.0,
+        grid: 4.4,
+        doubling: 0.03,
+        glossy: 2.4,
+        drawn: 1.2,
+        spread: 0.15,
+        traced_spread: 1.75,
+    };
+}
 
 /// Least pixels of a class that occupy a software device.
 const FILLS_SOFTWARE: u64 = 1 << 12;
@@ -132,13 +175,15 @@ pub struct Work {
     pub software: bool,
 }
 
-/// The modelled time of an iteration, in nanoseconds of Mesa's software driver on two cores.
+/// The modelled time of an iteration, in nanoseconds of the kind of device ([`UnitTimes`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Cost {
     /// Time per light subpath: its views, and the additional pixels that the filter reads.
     pub subpath: f64,
-    /// Time of all pixels, for any number of light subpaths.
+    /// Time of all pixels, for one light subpath.
     pub pixels: f64,
+    /// Increase of the time of all pixels for each step of the side.
+    pub spread: f64,
     /// Largest side whose classes occupy the device.
     pub fills: u32,
     /// Largest side that shortens a render.
@@ -149,39 +194,49 @@ impl Cost {
     /// Evaluates the model.
     #[must_use]
     pub fn new(work: &Work) -> Self {
+        let unit = if work.software { UnitTimes::SOFTWARE } else { UnitTimes::GPU };
         let count = |n: u64| n as f64;
-        let taps = if work.filtered { TAP * count(work.pixels) } else { 0.0 };
-        let views = TEXEL * count(work.texels) + TRIANGLE * count(work.triangles * work.views);
-        let doublings = (work.triangles / FEW_TRIANGLES).max(1).ilog2();
-        let mut slower = 1.0 + DOUBLING * f64::from(doublings);
-        slower *= if work.glossy { GLOSSY } else { 1.0 };
-        let pixel = PIXEL + CONNECTION * count(work.connections) + EXTENSION * count(work.extensions);
-        let traced = TRACED_CONNECTION * count(work.traced_connections - work.traced_to_infinity)
-            + TRACED_TO_INFINITY * count(work.traced_to_infinity)
-            + TRACED_EXTENSION * count(work.traced_extensions)
-            + if work.traces_camera { TRACED_PIXEL } else { 0.0 };
-        let traced = traced * (1.0 + TRACED_DOUBLING * f64::from(doublings));
-        let of_scene = if work.traces_camera { GRID } else { DRAWN };
+        let pixels = count(work.pixels);
+        let taps = if work.filtered { unit.tap * pixels } else { 0.0 };
+        let views =
+            count(work.views) * (unit.view + unit.triangle * count(work.triangles)) + unit.texel * count(work.texels);
+        let doublings = f64::from((work.triangles / FEW_TRIANGLES).max(1).ilog2());
+        let slower = (1.0 + unit.doubling * doublings) * if work.glossy { unit.glossy } else { 1.0 };
+        let looked_up =
+            unit.pixel + unit.connection * count(work.connections) + unit.extension * count(work.extensions);
+        let looked_up = slower * looked_up * pixels;
+        let traced = unit.traced_connection * count(work.traced_connections - work.traced_to_infinity)
+            + unit.traced_to_infinity * count(work.traced_to_infinity)
+            + unit.traced_extension * count(work.traced_extensions)
+            + if work.traces_camera { unit.traced_pixel } else { 0.0 };
+        let traced = (1.0 + unit.traced_doubling * doublings) * traced * pixels;
+        let of_scene = if work.traces_camera { unit.grid } else { unit.drawn } * count(work.triangles);
         let filling = if work.software { FILLS_SOFTWARE } else { FILLS_GPU };
         Self {
-            subpath: SUBPATH + views + taps,
-            pixels: (slower * pixel + traced) * count(work.pixels) + of_scene * count(work.triangles),
+            subpath: unit.subpath + views + taps,
+            pixels: looked_up + traced + of_scene,
+            spread: unit.spread * looked_up + unit.traced_spread * traced,
             fills: count(work.pixels / filling).sqrt().max(1.0) as u32,
             gains: if work.narrow_metals { LARGEST_OF_METALS } else { LARGEST },
         }
     }
 
+    /// Returns the time of all pixels with squares of a side.
+    fn pixels_apart(&self, side: u32) -> f64 {
+        self.pixels + self.spread * f64::from(side - 1)
+    }
+
     /// Returns the time per light subpath of an iteration with squares of a side.
     #[must_use]
     pub fn per_subpath(&self, side: u32) -> f64 {
-        self.subpath + self.pixels / f64::from(side * side)
+        self.subpath + self.pixels_apart(side) / f64::from(side * side)
     }
 
     /// Returns the side of the squares.
     #[must_use]
     pub fn side(&self) -> u32 {
-        let largest = (MOST * self.pixels / self.subpath).sqrt();
-        (largest as u32).min(self.fills).min(self.gains).max(1)
+        let gains = |&side: &u32| f64::from(side * side) * self.subpath <= MOST * self.pixels_apart(side);
+        (2..=self.fills.min(self.gains)).rev().find(gains).unwrap_or(1)
     }
 
     /// Returns the ratio of the time of a light subpath to that of all pixels.
@@ -223,6 +278,20 @@ mod tests {
         assert!(near(cost.pixels, 640.0) && near(cost.subpath, 180.0), "{cost:?}");
     }
 
+    /// An H100: cornell_point by lists and by rays, sides of 1 and 3.
+    #[test]
+    fn the_model_is_near_the_measurements_of_a_gpu() {
+        let lists = Work { software: false, ..BOX };
+        let rays =
+            Work { views: 0, texels: 0, traced_connections: 6, traced_extensions: 2, traces_camera: true, ..lists };
+        for (work, millis) in [(lists, [1.0, 5.55]), (rays, [0.70, 4.35])] {
+            for (side, millis) in [1, 3].into_iter().zip(millis) {
+                let model = f64::from(side * side) * Cost::new(&work).per_subpath(side);
+                assert!((0.75..1.33).contains(&(model / (1e6 * millis))), "{work:?}, {side}: {model} for {millis} ms");
+            }
+        }
+    }
+
     #[test]
     fn sides_follow_the_times_of_views_and_pixels() {
         let side = |work: Work| Cost::new(&work).side();
@@ -232,8 +301,8 @@ mod tests {
         assert_eq!(fine, [3, 3, 1]);
         let small = [16, 64, 128, 192].map(|n| side(Work { pixels: n * n, ..BOX }));
         assert_eq!(small, [1, 1, 2, 3]);
-        // A GPU needs more pixels.
+        // A GPU needs more pixels, since each light subpath starts passes.
         let small = [128, 256, 512, 1024].map(|n| side(Work { pixels: n * n, software: false, ..BOX }));
-        assert_eq!(small, [1, 1, 2, 3]);
+        assert_eq!(small, [1, 1, 1, 2]);
     }
 }
