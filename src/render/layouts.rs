@@ -296,7 +296,7 @@ layouts! {
         narrow_only: u32,
         light_points: u32,
         lights: u32,
-        pad: u32,
+        own_sky: u32,
     }
 
     /// Requests and capacities of a view.
@@ -438,9 +438,9 @@ layouts! {
         pdf_a_from_w: f32,
         bsdf: [[f32; 4]; 5],
         q0: f32,
+        own_sky: f32,
         pad0: f32,
         pad1: f32,
-        pad2: f32,
     }
 
     /// A vertex of an eye subpath; the host only needs its size.
@@ -736,6 +736,12 @@ constants! {
     mod guide_size in "lib/lights/sky_guide" {
         GUIDE_DIRECTIONS = 32,
         GUIDE_PLACES = 16,
+    }
+
+    /// Cells of the scene's box along an axis, and directions of each along a side.
+    mod local_sky_size in "lib/lights/local_sky" {
+        LOCAL_CELLS = 16,
+        LOCAL_DIRECTIONS = 16,
     }
 
     /// Values of [`FoundLine::vertex`].

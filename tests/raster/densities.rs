@@ -15,7 +15,7 @@ use lightsheaf::render::layouts::line_end::{AT_LATER, AT_Z1};
 use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
 use lightsheaf::render::layouts::{FoundLine, LightPoint, Lighting};
 use lightsheaf::render::lights::bundle_directions::BundleDirections;
-use lightsheaf::render::lights::sky_guide::{HEIGHT, SIDE, densities};
+use lightsheaf::render::lights::sky_guide::{EXTENT, HEIGHT, SIDE, densities};
 use lightsheaf::render::sampler::{Decision, Sampler, uniform_sphere};
 use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
 
@@ -205,11 +205,18 @@ fn light_subpaths_start_as_their_density_says() {
     }
 }
 
+/// Half the extent of the scene's box, in a sphere of radius 2.
+const HALF: [f32; 3] = [1.5, 1.0, 0.8];
+
 /// Asks for samples or densities of the sky's guide, under an even sky around a sphere of radius 2.
 fn ask_sky(gpu: &Gpu, guide: &[f32], questions: &[SkyDraw]) -> Vec<SkyDraw> {
     let pass = Compute::from_source(gpu, "sky_draws", &shaders::SKY_DRAWS, &[Flag::Environment, Flag::SkyGuide]);
     let lighting = gpu.uniform::<Lighting>("lighting");
-    gpu.queue.write_buffer(&lighting, 0, bytemuck::bytes_of(&Lighting { radius: 2.0, ..Default::default() }));
+    gpu.queue.write_buffer(
+        &lighting,
+        0,
+        bytemuck::bytes_of(&Lighting { radius: 2.0, half_extent: HALF, ..Default::default() }),
+    );
     let size = wgpu::Extent3d { width: SIDE, height: HEIGHT, depth_or_array_layers: 1 };
     let texels = gpu.texture(&wgpu::TextureDescriptor {
         label: Some("sky_guide"),
@@ -252,6 +259,8 @@ fn light_of_the_sky_follows_its_guide() {
     };
     let around = |middle: Vec3| (0..4096).map(|i| line(i, middle)).collect::<Vec<_>>();
     let found = around(middle);
+    let half = Vec3::from(HALF) / (2.0 * EXTENT);
+    let densities = |found: &[FoundLine]| densities(found, half);
     let guide = densities(&found);
     // A fifth of the density is even.
     let halved: Vec<f32> = guide.iter().map(|density| 1.125 * density - 0.125).collect();
@@ -316,7 +325,7 @@ fn light_of_the_sky_follows_its_guide() {
     });
     let drawn = ask_sky(gpu, &guide, &vec![SkyDraw::default(); MANY as usize]);
     let on_sphere = |d: &SkyDraw| [d.w[1].atan2(d.w[0]).rem_euclid(TAU) / TAU, 0.5 * d.w[2] + 0.5];
-    check("directions", drawn, 1, &on_sphere, directions.collect());
+    check("directions", drawn, 1, &on_sphere, directions.clone().collect());
     // Lines along the middle of what was found; a line is where it meets the plane through the centre across it.
     let w = middle;
     let (right, up) = w.any_orthonormal_pair();
@@ -328,6 +337,11 @@ fn light_of_the_sky_follows_its_guide() {
     let drawn = ask_sky(gpu, &guide, &vec![SkyDraw { w: w.to_array(), asked: 2, ..Default::default() }; MANY as usize]);
     let across = |d: &SkyDraw| [right, up].map(|axis| Vec3::from(d.offset).dot(axis) / side + 0.5);
     check("lines", drawn, 3, &across, lines.collect());
+    // Directions at a point that the light passes.
+    let offset = (2.0 * EXTENT * Vec3::new(0.35, 0.55, 0.05)).to_array();
+    let directions = directions.map(|d| SkyDraw { offset, asked: 5, ..d });
+    let drawn = ask_sky(gpu, &guide, &vec![SkyDraw { offset, asked: 4, ..Default::default() }; MANY as usize]);
+    check("directions at a point", drawn, 5, &on_sphere, directions.collect());
 }
 
 #[test]

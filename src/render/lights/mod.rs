@@ -2,6 +2,7 @@
 //! sphere.
 
 pub mod bundle_directions;
+pub mod local_sky;
 pub mod octahedral;
 pub mod sky_guide;
 pub mod table;

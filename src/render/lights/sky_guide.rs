@@ -9,16 +9,23 @@ use glam::{Vec2, Vec3};
 use crate::render::layouts::FoundLine;
 use crate::render::layouts::guide_size::{GUIDE_DIRECTIONS, GUIDE_PLACES};
 use crate::render::layouts::line_end::AT_LATER;
+use crate::render::lights::local_sky;
 use crate::render::lights::octahedral::{from_octahedral, octahedral};
 
 /// Texels along a row of the guide.
 pub const SIDE: u32 = GUIDE_DIRECTIONS * GUIDE_PLACES;
 
-/// Rows of the guide: places, then directions.
-pub const HEIGHT: u32 = SIDE + GUIDE_DIRECTIONS;
+/// Rows of the guide: places, then directions, then what each part of the scene sees.
+pub const HEIGHT: u32 = SIDE + GUIDE_DIRECTIONS + local_sky::ROWS;
+
+/// Half side of the square of places over the radius of the scene's sphere (GUIDE_EXTENT).
+pub const EXTENT: f32 = 1.02;
 
 /// Share of a density that stays even, for light that no path has found.
 const EVEN: f64 = 0.2;
+
+/// The same for what parts of the scene see; a part of all directions follows the sky.
+const LOCAL_EVEN: f64 = 0.1;
 
 /// Lines by which what was found and the even density weigh alike.
 const FEW: f64 = 8.0;
@@ -35,15 +42,17 @@ const TURN: f32 = 0.5;
 const STEPS: [f64; 5] =
     [0.881_271_461_658_7, 0.776_639_389_133_8, 0.684_430_129_549_4, 0.603_168_740_685_7, 0.531_555_397_729_4];
 
-/// Returns the density of each texel over the even one, row by row.
+/// Returns the density of each texel over the even one, row by row, and below the shares of what each part of the scene
+/// sees. The scene's box has half the extent `half`, over the half side of the guide's square of places.
 #[must_use]
-pub fn densities(found: &[FoundLine]) -> Vec<f32> {
+pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
     let (side, cells, places) = (SIDE as usize, GUIDE_DIRECTIONS as usize, GUIDE_PLACES as usize);
     let found: Vec<_> = found.iter().filter(|line| line.value > 0.0 && line.value.is_finite()).collect();
     let turned = (TURNED / found.len().max(1)).clamp(1, MOST_TURNED);
     let mut of_directions = vec![0.0; cells * cells];
     let mut of_places = vec![0.0; cells * cells];
     let mut light = vec![0.0; side * side];
+    let mut seen = vec![0.0; side * side];
     let mut index = 0;
     for line in &found {
         for _ in 0..turned {
@@ -51,15 +60,17 @@ pub fn densities(found: &[FoundLine]) -> Vec<f32> {
             let u = STEPS.map(|step| (0.5 + f64::from(index) * step).fract() as f32);
             let (cell, place) = texel_near(line, u);
             let value = f64::from(line.value);
+            let texel = (cell[1] * places + place[1]) * side + cell[0] * places + place[0];
             of_directions[cell[1] * cells + cell[0]] += value;
+            seen[texel] += value;
             if line.vertex == AT_LATER {
                 of_places[cell[1] * cells + cell[0]] += value;
-                light[(cell[1] * places + place[1]) * side + cell[0] * places + place[0]] += value;
+                light[texel] += value;
             }
         }
     }
     let later = found.iter().filter(|line| line.vertex == AT_LATER).count();
-    let (even, few) = (even_places(), even_share(later));
+    let (even, few) = (even_places(), even_share(EVEN, later));
     let mut densities: Vec<f32> = light
         .iter()
         .enumerate()
@@ -69,12 +80,13 @@ pub fn densities(found: &[FoundLine]) -> Vec<f32> {
             mixed(few, even, value * (places * places) as f64, of_places[y / places * cells + x / places])
         })
         .collect();
-    let (all, few) = (of_directions.iter().sum(), even_share(found.len()));
+    let (all, few) = (of_directions.iter().sum(), even_share(EVEN, found.len()));
     for row in of_directions.chunks(cells) {
         let row: Vec<f32> = row.iter().map(|value| mixed(few, 1.0, value * (cells * cells) as f64, all)).collect();
         let mean = row.iter().sum::<f32>() / cells as f32;
         densities.extend(row.iter().copied().chain([mean]).chain(std::iter::repeat_n(0.0, side - cells - 1)));
     }
+    densities.extend(local_sky::shares(&seen, even_share(LOCAL_EVEN, found.len()), half));
     densities
 }
 
@@ -96,12 +108,12 @@ fn texel_near(line: &FoundLine, [a, b, along, c, d]: [f32; 5]) -> ([usize; 2], [
 }
 
 /// Returns the cell of a point of the unit square.
-fn cell_of(at: Vec2, cells: u32) -> [usize; 2] {
+pub(super) fn cell_of(at: Vec2, cells: u32) -> [usize; 2] {
     (at * cells as f32).to_array().map(|x| (x.max(0.0) as usize).min(cells as usize - 1))
 }
 
 /// Returns the unit vector in the middle of a cell of directions.
-fn middle_of(cell: [usize; 2]) -> Vec3 {
+pub(super) fn middle_of(cell: [usize; 2]) -> Vec3 {
     from_octahedral(Vec2::from(cell.map(|x| (2.0 * x as f32 + 1.0) / GUIDE_DIRECTIONS as f32 - 1.0)))
 }
 
@@ -111,9 +123,9 @@ fn tent(u: f32) -> f32 {
     (1.0 - (1.0 - v.abs()).max(0.0).sqrt()).copysign(v)
 }
 
-/// Returns the share of a density that stays even where this many lines were found.
-fn even_share(lines: usize) -> f64 {
-    EVEN.max(FEW / (FEW + lines as f64))
+/// Returns the share of a density that stays even where this many lines were found, not less than a bound.
+fn even_share(least: f64, lines: usize) -> f64 {
+    least.max(FEW / (FEW + lines as f64))
 }
 
 /// Mixes an even density with one of `light` out of `all`, or returns the even one where there is none.

@@ -79,6 +79,8 @@ struct FlagSets {
     rsm: &'static [Flag],
     /// The sky's guide.
     guide: &'static [Flag],
+    /// The guide and the sky, for passes without the flags of lights.
+    guided_sky: Vec<Flag>,
     /// Emission from y0: punctual lights and their patterns.
     emission: Vec<Flag>,
 }
@@ -87,10 +89,13 @@ impl FlagSets {
     fn new(plan: &FramePlan, sky_bundles: bool) -> Self {
         let bundles: &[Flag] = if sky_bundles { &[Flag::SkyBundles] } else { &[] };
         let emission = plan.light_flags.iter().filter(|flag| matches!(flag, Flag::Punctual | Flag::Patterns));
+        let guide: &[Flag] = if plan.guides_sky { &[Flag::SkyGuide] } else { &[] };
+        let map = plan.light_flags.iter().filter(|flag| plan.guides_sky && matches!(flag, Flag::EnvironmentMap));
         Self {
             base: [plan.surface_flags.as_slice(), bundles, plan.layer_flags()].concat(),
             rsm: if plan.rsm { &[Flag::Rsm] } else { &[] },
-            guide: if plan.guides_sky { &[Flag::SkyGuide] } else { &[] },
+            guide,
+            guided_sky: guide.iter().chain(map).copied().collect(),
             emission: emission.copied().collect(),
         }
     }
@@ -172,7 +177,7 @@ impl Passes {
 
     fn new(gpu: &Gpu, scene: &GpuScene, plan: &FramePlan, settings: &Settings, sky_bundles: bool) -> Self {
         let flags = FlagSets::new(plan, sky_bundles);
-        let FlagSets { rsm, guide, emission, .. } = &flags;
+        let FlagSets { rsm, guide, guided_sky, emission, .. } = &flags;
         let [of_light, of_vpl, of_bundle] = [ViewRole::LightVertex(0), ViewRole::LightVertex(1), ViewRole::Bundle(0)]
             .map(|role| view_flags(plan, role));
         let [width, height] = plan.grid.size;
@@ -206,7 +211,7 @@ impl Passes {
                 )
             }),
             light_subpath: (plan.light_vertices > 1).then(|| {
-                LightSubpath::new(gpu, &with(&[&of_light, rsm, guide, emission]), &with(&[&of_vpl, rsm, emission]))
+                LightSubpath::new(gpu, &with(&[&of_light, rsm, guided_sky, emission]), &with(&[&of_vpl, rsm, emission]))
             }),
             caustics,
             gbuffer: (!plan.traces_camera).then(|| GBuffer::new(gpu, &plan.surface_flags, width, height)),
@@ -233,9 +238,9 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         narrow_only: u32::from(c.narrow_only),
         light_points: plan.points_connected(c),
         lights: plan.lights_connected(c),
-        pad: 0,
+        own_sky: u32::from(plan.guides_sky),
     };
-    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, flags.guide, &flags.emission] } else { &[] };
+    let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.guided_sky, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
     let shader = flags.with(&[&[of_view.as_slice()], from_y0].concat());
     let from_candidates = plan.has_candidates() && c.is_direct();
@@ -256,7 +261,9 @@ fn extension(
 ) -> (StrategyUniforms, Extend) {
     let sample_counts = e.samples.map(|n| n as f32);
     let narrow_only = u32::from(e.narrow_only);
-    let constants = layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, ..Default::default() };
+    let own_sky = u32::from(plan.guides_sky && !(e.j == 1 && plan.has_candidates()));
+    let constants =
+        layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, own_sky, ..Default::default() };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
     let guide = if e.hits_emitter { flags.guide } else { &[] };
     let shader = flags.with(&[emitters, guide, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);

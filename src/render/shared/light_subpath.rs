@@ -128,7 +128,7 @@ impl Frame {
             guide.record(&mut recording, &band);
         }
         recording.submit();
-        guide.update(gpu).await
+        guide.update(gpu, scene).await
     }
 
     /// Measures the contribution of each light to the picture without occlusion, in any unit.

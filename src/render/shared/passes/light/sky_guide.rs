@@ -6,9 +6,10 @@
 
 use crate::gpu::{Compute, Flag, Gpu, GpuError, read_back_async, rows};
 use crate::render::layouts::FoundLine;
-use crate::render::lights::sky_guide::{HEIGHT, SIDE, densities};
+use crate::render::lights::sky_guide::{EXTENT, HEIGHT, SIDE, densities};
 use crate::render::recording::Recording;
 use crate::render::shared::film_buffer::Band;
+use crate::render::upload::gpu_scene::GpuScene;
 use crate::render::upload::textures::{texture, write_texture};
 
 /// Paths that look for light.
@@ -57,9 +58,10 @@ impl SkyGuide {
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub async fn update(&self, gpu: &Gpu) -> Result<(), GpuError> {
+    pub async fn update(&self, gpu: &Gpu, scene: &GpuScene) -> Result<(), GpuError> {
         let found: Vec<FoundLine> = read_back_async(gpu, &self.found, LINES as usize).await?;
-        let densities = densities(&found);
+        let half = 0.5 * (scene.bounds[1] - scene.bounds[0]) / (EXTENT * scene.sphere().1);
+        let densities = densities(&found, half);
         write_texture(gpu, &self.texels, [0, 0, 0], [SIDE, HEIGHT], 4, bytemuck::cast_slice(&densities));
         Ok(())
     }

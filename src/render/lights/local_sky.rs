@@ -1,0 +1,101 @@
+//! The directions in which points of each part of the scene see the sky, from the lines that paths from the view have
+//! found (shaders/lib/lights/local_sky.wesl).
+
+use glam::{UVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::render::layouts::guide_size::{GUIDE_DIRECTIONS, GUIDE_PLACES};
+use crate::render::layouts::local_sky_size::{LOCAL_CELLS, LOCAL_DIRECTIONS};
+use crate::render::lights::sky_guide::{SIDE, cell_of, middle_of};
+
+/// Directions of a cell.
+const DIRECTIONS: usize = (LOCAL_DIRECTIONS * LOCAL_DIRECTIONS) as usize;
+
+/// Cells in a row of the guide.
+const TILES: usize = (SIDE / LOCAL_DIRECTIONS) as usize;
+
+/// Cells of the scene's box.
+const CELLS: u32 = LOCAL_CELLS * LOCAL_CELLS * LOCAL_CELLS;
+
+/// Rows of the guide that hold the cells.
+pub const ROWS: u32 = CELLS / TILES as u32 * LOCAL_DIRECTIONS;
+
+/// Points of a cell through which lines along each direction count.
+const POINTS: u32 = 2;
+
+/// Returns the share of each cell's directions up to and with one of them, row by row of the guide. `light` is what the
+/// lines send through each place, row by row of places, and `share` of each density stays even. The scene's box has
+/// half the extent `half`, over the half side of the guide's square of places.
+#[must_use]
+pub fn shares(light: &[f64], share: f64, half: Vec3) -> Vec<f32> {
+    let axes: Vec<_> = (0..GUIDE_DIRECTIONS * GUIDE_DIRECTIONS)
+        .map(|i| {
+            let cell = [i % GUIDE_DIRECTIONS, i / GUIDE_DIRECTIONS].map(|x| x as usize);
+            (cell, middle_of(cell).any_orthonormal_pair())
+        })
+        .collect();
+    let anywhere = up_to(&sums(axes.iter().map(|&(cell, _)| (cell, of_cell(light, cell)))), share);
+    let cells: Vec<_> = (0..CELLS)
+        .into_par_iter()
+        .map(|index| {
+            let corner = UVec3::new(index, index / LOCAL_CELLS, index / LOCAL_CELLS.pow(2)) % LOCAL_CELLS;
+            let through = (0..POINTS).flat_map(|n| {
+                axes.iter().zip(0..).map(move |(&(cell, (right, up)), direction)| {
+                    let within = jitter(direction * POINTS + n);
+                    let point = ((corner.as_vec3() + within) * (2.0 / LOCAL_CELLS as f32) - 1.0) * half;
+                    let place = 0.5 + 0.5 * Vec2::new(point.dot(right), point.dot(up));
+                    (cell, light[texel(cell, cell_of(place, GUIDE_PLACES))])
+                })
+            });
+            let sums = sums(through);
+            if sums.iter().any(|&sum| sum > 0.0) { up_to(&sums, share) } else { anywhere.clone() }
+        })
+        .collect();
+    let mut rows = Vec::with_capacity((SIDE * ROWS) as usize);
+    for tiles in cells.chunks(TILES) {
+        for row in 0..LOCAL_DIRECTIONS as usize {
+            let of_row = row * LOCAL_DIRECTIONS as usize..(row + 1) * LOCAL_DIRECTIONS as usize;
+            tiles.iter().for_each(|tile| rows.extend_from_slice(&tile[of_row.clone()]));
+        }
+    }
+    rows
+}
+
+/// Returns the texel of a place of a cell of directions.
+fn texel(cell: [usize; 2], place: [usize; 2]) -> usize {
+    let places = GUIDE_PLACES as usize;
+    (cell[1] * places + place[1]) * SIDE as usize + cell[0] * places + place[0]
+}
+
+/// Returns the light through all places of a cell of directions.
+fn of_cell(light: &[f64], cell: [usize; 2]) -> f64 {
+    let places = GUIDE_PLACES as usize;
+    (0..places * places).map(|i| light[texel(cell, [i % places, i / places])]).sum()
+}
+
+/// Adds up values of the guide's directions in those of a cell, which are larger.
+fn sums(values: impl Iterator<Item = ([usize; 2], f64)>) -> [f64; DIRECTIONS] {
+    let (larger, side) = ((GUIDE_DIRECTIONS / LOCAL_DIRECTIONS) as usize, LOCAL_DIRECTIONS as usize);
+    let mut sums = [0.0; DIRECTIONS];
+    values.for_each(|([x, y], value)| sums[y / larger * side + x / larger] += value);
+    sums
+}
+
+/// Returns cumulative shares, of which a part is even.
+fn up_to(sums: &[f64; DIRECTIONS], even: f64) -> [f32; DIRECTIONS] {
+    let all: f64 = sums.iter().sum();
+    let even = if all > 0.0 { even } else { 1.0 };
+    let mut sum = 0.0;
+    let mut shares = sums.map(|value| {
+        sum += even / DIRECTIONS as f64 + (1.0 - even) * value / all.max(f64::MIN_POSITIVE);
+        sum as f32
+    });
+    shares[DIRECTIONS - 1] = 1.0;
+    shares
+}
+
+/// Returns a point of the unit cube (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
+fn jitter(index: u32) -> Vec3 {
+    let step = |root: f64| (0.5 + f64::from(index) * root).fract() as f32;
+    Vec3::new(step(0.819_172_513_396_164_4), step(0.671_043_606_703_789_3), step(0.549_700_477_901_970_3))
+}
