@@ -23,18 +23,18 @@ pub const ROWS: u32 = CELLS / TILES as u32 * LOCAL_DIRECTIONS;
 /// Points of a cell through which lines along each direction count.
 const POINTS: u32 = 2;
 
-/// Returns the share of each cell's directions up to and with one of them, row by row of the guide. `light` is what the
-/// lines send through each place, row by row of places, and `share` of each density stays even. The scene's box has
-/// half the extent `half`, over the half side of the guide's square of places.
+/// Returns the directions of each cell's slots and the slots of each direction, row by row of the guide. `light` is what
+/// the lines send through each place, row by row of places. The scene's box has half the extent `half`, over the half
+/// side of the guide's square of places.
 #[must_use]
-pub fn shares(light: &[f64], share: f64, half: Vec3) -> Vec<f32> {
+pub fn slots(light: &[f64], half: Vec3) -> Vec<f32> {
     let axes: Vec<_> = (0..GUIDE_DIRECTIONS * GUIDE_DIRECTIONS)
         .map(|i| {
             let cell = [i % GUIDE_DIRECTIONS, i / GUIDE_DIRECTIONS].map(|x| x as usize);
             (cell, middle_of(cell).any_orthonormal_pair())
         })
         .collect();
-    let anywhere = up_to(&sums(axes.iter().map(|&(cell, _)| (cell, of_cell(light, cell)))), share);
+    let anywhere = words(&sums(axes.iter().map(|&(cell, _)| (cell, of_cell(light, cell)))));
     let cells: Vec<_> = (0..CELLS)
         .into_par_iter()
         .map(|index| {
@@ -48,7 +48,7 @@ pub fn shares(light: &[f64], share: f64, half: Vec3) -> Vec<f32> {
                 })
             });
             let sums = sums(through);
-            if sums.iter().any(|&sum| sum > 0.0) { up_to(&sums, share) } else { anywhere.clone() }
+            if sums.iter().any(|&sum| sum > 0.0) { words(&sums) } else { anywhere.clone() }
         })
         .collect();
     let mut rows = Vec::with_capacity((SIDE * ROWS) as usize);
@@ -81,17 +81,20 @@ fn sums(values: impl Iterator<Item = ([usize; 2], f64)>) -> [f64; DIRECTIONS] {
     sums
 }
 
-/// Returns cumulative shares, of which a part is even.
-fn up_to(sums: &[f64; DIRECTIONS], even: f64) -> [f32; DIRECTIONS] {
+/// Gives each direction slots in proportion to a sum, and returns the direction of each slot and, above it, the slots of
+/// the direction with the same index.
+fn words(sums: &[f64; DIRECTIONS]) -> [f32; DIRECTIONS] {
     let all: f64 = sums.iter().sum();
-    let even = if all > 0.0 { even } else { 1.0 };
-    let mut sum = 0.0;
-    let mut shares = sums.map(|value| {
-        sum += even / DIRECTIONS as f64 + (1.0 - even) * value / all.max(f64::MIN_POSITIVE);
-        sum as f32
-    });
-    shares[DIRECTIONS - 1] = 1.0;
-    shares
+    let mut words = [0; DIRECTIONS];
+    let (mut sum, mut first) = (0.0, 0);
+    for (direction, value) in sums.iter().enumerate() {
+        sum += if all > 0.0 { value / all } else { 1.0 / DIRECTIONS as f64 };
+        let end = if direction + 1 == DIRECTIONS { DIRECTIONS } else { (sum * DIRECTIONS as f64).round() as usize };
+        words[first..end.max(first)].iter_mut().for_each(|word| *word += direction);
+        words[direction] += (end.max(first) - first) * DIRECTIONS;
+        first = end.max(first);
+    }
+    words.map(|word| word as f32)
 }
 
 /// Returns a point of the unit cube (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).

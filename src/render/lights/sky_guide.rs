@@ -24,9 +24,6 @@ pub const EXTENT: f32 = 1.02;
 /// Share of a density that stays even, for light that no path has found.
 const EVEN: f64 = 0.2;
 
-/// The same for what parts of the scene see; a part of all directions follows the sky.
-const LOCAL_EVEN: f64 = 0.1;
-
 /// Lines by which what was found and the even density weigh alike.
 const FEW: f64 = 8.0;
 
@@ -42,8 +39,7 @@ const TURN: f32 = 0.5;
 const STEPS: [f64; 5] =
     [0.881_271_461_658_7, 0.776_639_389_133_8, 0.684_430_129_549_4, 0.603_168_740_685_7, 0.531_555_397_729_4];
 
-/// Returns the density of each texel over the even one, row by row, and below the shares of what each part of the scene
-/// sees. The scene's box has half the extent `half`, over the half side of the guide's square of places.
+/// Returns the density of each texel over the even one, row by row, and below the slots of each part of the scene. The scene's box has half the extent `half`, over the half side of the guide's square of places.
 #[must_use]
 pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
     let (side, cells, places) = (SIDE as usize, GUIDE_DIRECTIONS as usize, GUIDE_PLACES as usize);
@@ -70,7 +66,7 @@ pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
         }
     }
     let later = found.iter().filter(|line| line.vertex == AT_LATER).count();
-    let (even, few) = (even_places(), even_share(EVEN, later));
+    let (even, few) = (even_places(), even_share(later));
     let mut densities: Vec<f32> = light
         .iter()
         .enumerate()
@@ -80,13 +76,13 @@ pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
             mixed(few, even, value * (places * places) as f64, of_places[y / places * cells + x / places])
         })
         .collect();
-    let (all, few) = (of_directions.iter().sum(), even_share(EVEN, found.len()));
+    let (all, few) = (of_directions.iter().sum(), even_share(found.len()));
     for row in of_directions.chunks(cells) {
         let row: Vec<f32> = row.iter().map(|value| mixed(few, 1.0, value * (cells * cells) as f64, all)).collect();
         let mean = row.iter().sum::<f32>() / cells as f32;
         densities.extend(row.iter().copied().chain([mean]).chain(std::iter::repeat_n(0.0, side - cells - 1)));
     }
-    densities.extend(local_sky::shares(&seen, even_share(LOCAL_EVEN, found.len()), half));
+    densities.extend(local_sky::slots(&seen, half));
     densities
 }
 
@@ -123,9 +119,9 @@ fn tent(u: f32) -> f32 {
     (1.0 - (1.0 - v.abs()).max(0.0).sqrt()).copysign(v)
 }
 
-/// Returns the share of a density that stays even where this many lines were found, not less than a bound.
-fn even_share(least: f64, lines: usize) -> f64 {
-    least.max(FEW / (FEW + lines as f64))
+/// Returns the share of a density that stays even where this many lines were found.
+fn even_share(lines: usize) -> f64 {
+    EVEN.max(FEW / (FEW + lines as f64))
 }
 
 /// Mixes an even density with one of `light` out of `all`, or returns the even one where there is none.
