@@ -133,6 +133,9 @@ const HAS_CAUSTICS: [&str; 2] = ["shared/camera/eye_vertices", "shared/film/accu
 /// Passes that follow the guide of the sky.
 const HAS_GUIDE: [&str; 5] = ["shared/light/light_point", "shared/light/light_subpath", CONNECT, EXTEND, "sky_draws"];
 
+/// Passes that have the sky's map with its guide alone.
+const SEES_A_GUIDED_SKY: [&str; 2] = ["shared/light/light_subpath", CONNECT];
+
 /// Passes that write lists.
 const WRITES_LISTS: [&str; 2] = ["shared/views/view_setup", "shared/views/view_lists"];
 
@@ -154,6 +157,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .filter(|f| WRITES_LISTS.contains(&pass) || *f != Flag::PerTexel)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
         .filter(|f| ![Flag::SkyGuide, Flag::Swizzled].contains(f))
+        .filter(|f| !SEES_A_GUIDED_SKY.contains(&pass) || *f != Flag::EnvironmentMap)
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
@@ -201,7 +205,9 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             let few = every || set.len() <= FEW_BESIDE_A_LAYER;
             let guided = HAS_GUIDE.contains(&pass) && rays && from_sky && few;
             let guided = guided.then(|| [&set, &[Flag::SkyGuide][..]].concat());
-            std::iter::once(set).chain(guided)
+            let mapped = guided.as_ref().filter(|_| SEES_A_GUIDED_SKY.contains(&pass));
+            let mapped = mapped.map(|set| [set, &[Flag::EnvironmentMap][..]].concat());
+            std::iter::once(set).chain(mapped).chain(guided)
         })
         // Vertices have tangents with textures.
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))

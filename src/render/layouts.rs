@@ -740,7 +740,7 @@ constants! {
 
     /// Cells of the scene's box along an axis, and directions of each along a side.
     mod local_sky_size in "lib/lights/local_sky" {
-        LOCAL_CELLS = 16,
+        LOCAL_CELLS = 12,
         LOCAL_DIRECTIONS = 16,
     }
 

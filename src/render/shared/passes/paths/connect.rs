@@ -1,7 +1,8 @@
 //! connect: connects z_j of every pixel with one light vertex (eq. (3)-(8)); one run per strategy. Rays connect it with
 //! the points of all lights in one run.
 //!
-//! Reads: the eye vertices, the light vertices and the map around the one that is connected. Writes: the
+//! Reads: the eye vertices, the light vertices and the map around the one that is connected; the guide of the sky, by
+//! which each vertex draws directions of its own. Writes: the
 //! iteration's image. Skipped when: there are no lights; light candidates make direct light.
 
 use crate::gpu::{Compute, Flag, Gpu};
