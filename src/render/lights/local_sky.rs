@@ -24,7 +24,8 @@ pub const ROWS: u32 = CELLS / TILES as u32 * LOCAL_DIRECTIONS;
 const POINTS: u32 = 1;
 
 /// Returns the directions of each cell's slots and the slots of each direction, row by row of the guide. `light` is what
-/// the lines send through each place, row by row of places. The scene's box has half the extent `half`, over the half
+/// the lines send through each place, row by row of places; of each direction the line through one point of the cell
+/// counts. The scene's box has half the extent `half`, over the half
 /// side of the guide's square of places.
 #[must_use]
 pub fn slots(light: &[f64], half: Vec3) -> Vec<f32> {
@@ -39,16 +40,13 @@ pub fn slots(light: &[f64], half: Vec3) -> Vec<f32> {
         .into_par_iter()
         .map(|index| {
             let corner = UVec3::new(index, index / LOCAL_CELLS, index / LOCAL_CELLS.pow(2)) % LOCAL_CELLS;
-            let through = (0..POINTS).flat_map(|n| {
-                axes.iter().zip(0..).map(move |(&(cell, (right, up)), direction)| {
-                    let within = jitter(direction * POINTS + n);
-                    let point = ((corner.as_vec3() + within) * (2.0 / LOCAL_CELLS as f32) - 1.0) * half;
-                    let place = 0.5 + 0.5 * Vec2::new(point.dot(right), point.dot(up));
-                    (cell, light[texel(cell, cell_of(place, GUIDE_PLACES))])
-                })
+            let through = axes.iter().zip(0..).map(|(&(cell, (right, up)), direction)| {
+                let point = ((corner.as_vec3() + jitter(direction)) * (2.0 / LOCAL_CELLS as f32) - 1.0) * half;
+                let place = 0.5 + 0.5 * Vec2::new(point.dot(right), point.dot(up));
+                (cell, light[texel(cell, cell_of(place, GUIDE_PLACES))])
             });
             let sums = sums(through);
-            if sums.iter().any(|&sum| sum > 0.0) { words(&sums) } else { anywhere.clone() }
+            if sums.iter().any(|&sum| sum > 0.0) { words(&sums) } else { anywhere }
         })
         .collect();
     let mut rows = Vec::with_capacity((SIDE * ROWS) as usize);
@@ -101,4 +99,49 @@ fn words(sums: &[f64; DIRECTIONS]) -> [f32; DIRECTIONS] {
 fn jitter(index: u32) -> Vec3 {
     let step = |root: f64| (0.5 + f64::from(index) * root).fract() as f32;
     Vec3::new(step(0.819_172_513_396_164_4), step(0.671_043_606_703_789_3), step(0.549_700_477_901_970_3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A direction has as many slots as name it, in proportion to its sum.
+    #[test]
+    fn slots_follow_the_sums() {
+        let mut sums = std::array::from_fn(|i| f64::from(i as u32 % 7) + 0.1);
+        sums[3] = 200.0;
+        let all: f64 = sums.iter().sum();
+        let words = words(&sums).map(|word| word as usize);
+        for (direction, sum) in sums.iter().enumerate() {
+            let slots = words[direction] / DIRECTIONS;
+            assert_eq!(slots, words.iter().filter(|&word| word % DIRECTIONS == direction).count());
+            assert!((slots as f64 - sum / all * DIRECTIONS as f64).abs() <= 1.0, "{direction}: {slots}");
+        }
+        assert_eq!(words.iter().map(|word| word / DIRECTIONS).sum::<usize>(), DIRECTIONS);
+    }
+
+    /// Only the cells that lines pass see the sky along them.
+    #[test]
+    fn cells_see_the_sky_along_the_lines() {
+        let (places, middle) = (GUIDE_PLACES as usize, GUIDE_DIRECTIONS as usize / 2);
+        let (narrow, wide) = ([middle; 2], [middle, 2]);
+        let mut light = vec![0.0; (SIDE * SIDE) as usize];
+        let even = slots(&light, Vec3::splat(0.5));
+        assert!(even.iter().all(|&word| word as usize / DIRECTIONS == 1), "without lines all are even");
+        // Light along the z axis comes through the four middle places, that along another direction through all.
+        (0..4).for_each(|i| light[texel(narrow, [places / 2 - i % 2, places / 2 - i / 2])] = 1.0);
+        (0..places * places).for_each(|i| light[texel(wide, [i % places, i / places])] = 1.0);
+        let words = slots(&light, Vec3::splat(0.5));
+        assert_eq!(words.len(), (SIDE * ROWS) as usize);
+        let sees = |cell: [u32; 3], direction: [usize; 2]| {
+            let tile = ((cell[2] * LOCAL_CELLS + cell[1]) * LOCAL_CELLS + cell[0]) as usize;
+            let first = [tile % TILES, tile / TILES].map(|at| at * LOCAL_DIRECTIONS as usize);
+            words[(first[1] + direction[1] / 2) * SIDE as usize + first[0] + direction[0] / 2] as usize >= DIRECTIONS
+        };
+        let half = LOCAL_CELLS / 2;
+        for z in 0..LOCAL_CELLS {
+            assert!(sees([half, half, z], narrow) && sees([half, half, z], wide), "{z}");
+            assert!(!sees([0, 0, z], narrow) && sees([0, 0, z], wide), "{z}");
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! The guide of light from the sky: a density over directions, and for each cell of directions one over the places
-//! across them, from the light that paths from the view have found (shaders/lib/lights/sky_guide.wesl).
+//! across them, from the light that paths from the view have found (shaders/lib/lights/sky_guide.wesl), and what each part
+//! of the scene sees of it ([`local_sky`]).
 //!
 //! A path finds few lines beside the number of texels. Light comes in through openings, and from near directions, so
 //! that each line stands for many: it is turned about points of itself, of which some are near an opening.
