@@ -20,9 +20,6 @@ const CELLS: u32 = LOCAL_CELLS * LOCAL_CELLS * LOCAL_CELLS;
 /// Rows of the guide that hold the cells.
 pub const ROWS: u32 = CELLS / TILES as u32 * LOCAL_DIRECTIONS;
 
-/// Points of a cell through which lines along each direction count.
-const POINTS: u32 = 1;
-
 /// Returns the directions of each cell's slots and the slots of each direction, row by row of the guide. `light` is what
 /// the lines send through each place, row by row of places; of each direction the line through one point of the cell
 /// counts. The scene's box has half the extent `half`, over the half

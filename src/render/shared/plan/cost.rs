@@ -17,7 +17,7 @@
 //! with n, too.
 //!
 //! Only ratios matter. The times of a unit of work were measured with Mesa's software driver on two cores and on an
-//! H100 ([`UnitTimes`]). Nothing is measured during a render, so that the same scene, settings and device have the same
+//! H100 (`UnitTimes`). Nothing is measured during a render, so that the same scene, settings and device have the same
 //! side.
 
 /// Largest ratio of the time of all light subpaths of an iteration to the time of its pixels. With 2 the time
@@ -175,7 +175,7 @@ pub struct Work {
     pub software: bool,
 }
 
-/// The modelled time of an iteration, in nanoseconds of the kind of device ([`UnitTimes`]).
+/// The modelled time of an iteration, in nanoseconds of the kind of device (`UnitTimes`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Cost {
     /// Time per light subpath: its views, and the additional pixels that the filter reads.
