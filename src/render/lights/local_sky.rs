@@ -21,18 +21,18 @@ const CELLS: u32 = LOCAL_CELLS * LOCAL_CELLS * LOCAL_CELLS;
 pub const ROWS: u32 = CELLS / TILES as u32 * LOCAL_DIRECTIONS;
 
 /// Returns the directions of each cell's slots and the slots of each direction, row by row of the guide. `light` is what
-/// the lines send through each place, row by row of places; of each direction the line through one point of the cell
-/// counts. The scene's box has half the extent `half`, over the half
-/// side of the guide's square of places.
+/// the lines send through each place, row by row of places, and `of_directions` all of it by direction, for cells that no
+/// line passes. Of each direction the line through one point of a cell counts. The scene's box has half the extent
+/// `half`, over the half side of the guide's square of places.
 #[must_use]
-pub fn slots(light: &[f64], half: Vec3) -> Vec<f32> {
+pub fn slots(light: &[f64], of_directions: &[f64], half: Vec3) -> Vec<f32> {
     let axes: Vec<_> = (0..GUIDE_DIRECTIONS * GUIDE_DIRECTIONS)
         .map(|i| {
             let cell = [i % GUIDE_DIRECTIONS, i / GUIDE_DIRECTIONS].map(|x| x as usize);
             (cell, middle_of(cell).any_orthonormal_pair())
         })
         .collect();
-    let anywhere = words(&sums(axes.iter().map(|&(cell, _)| (cell, of_cell(light, cell)))));
+    let anywhere = words(&sums(axes.iter().map(|&(cell, _)| cell).zip(of_directions.iter().copied())));
     let cells: Vec<_> = (0..CELLS)
         .into_par_iter()
         .map(|index| {
@@ -60,12 +60,6 @@ pub fn slots(light: &[f64], half: Vec3) -> Vec<f32> {
 fn texel(cell: [usize; 2], place: [usize; 2]) -> usize {
     let places = GUIDE_PLACES as usize;
     (cell[1] * places + place[1]) * SIDE as usize + cell[0] * places + place[0]
-}
-
-/// Returns the light through all places of a cell of directions.
-fn of_cell(light: &[f64], cell: [usize; 2]) -> f64 {
-    let places = GUIDE_PLACES as usize;
-    (0..places * places).map(|i| light[texel(cell, [i % places, i / places])]).sum()
 }
 
 /// Adds up values of the guide's directions in those of a cell, which are larger.
@@ -123,12 +117,15 @@ mod tests {
         let (places, middle) = (GUIDE_PLACES as usize, GUIDE_DIRECTIONS as usize / 2);
         let (narrow, wide) = ([middle; 2], [middle, 2]);
         let mut light = vec![0.0; (SIDE * SIDE) as usize];
-        let even = slots(&light, Vec3::splat(0.5));
+        let mut of_directions = vec![0.0; (GUIDE_DIRECTIONS * GUIDE_DIRECTIONS) as usize];
+        let even = slots(&light, &of_directions, Vec3::splat(0.5));
         assert!(even.iter().all(|&word| word as usize / DIRECTIONS == 1), "without lines all are even");
         // Light along the z axis comes through the four middle places, that along another direction through all.
         (0..4).for_each(|i| light[texel(narrow, [places / 2 - i % 2, places / 2 - i / 2])] = 1.0);
         (0..places * places).for_each(|i| light[texel(wide, [i % places, i / places])] = 1.0);
-        let words = slots(&light, Vec3::splat(0.5));
+        of_directions[narrow[1] * 2 * middle + narrow[0]] = 4.0;
+        of_directions[wide[1] * 2 * middle + wide[0]] = (places * places) as f64;
+        let words = slots(&light, &of_directions, Vec3::splat(0.5));
         assert_eq!(words.len(), (SIDE * ROWS) as usize);
         let sees = |cell: [u32; 3], direction: [usize; 2]| {
             let tile = ((cell[2] * LOCAL_CELLS + cell[1]) * LOCAL_CELLS + cell[0]) as usize;

@@ -40,7 +40,8 @@ const TURN: f32 = 0.5;
 const STEPS: [f64; 5] =
     [0.881_271_461_658_7, 0.776_639_389_133_8, 0.684_430_129_549_4, 0.603_168_740_685_7, 0.531_555_397_729_4];
 
-/// Returns the density of each texel over the even one, row by row, and below the slots of each part of the scene. The scene's box has half the extent `half`, over the half side of the guide's square of places.
+/// Returns the density of each texel over the even one, row by row, and below the slots of each part of the scene. The
+/// scene's box has half the extent `half`, over the half side of the guide's square of places.
 #[must_use]
 pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
     let (side, cells, places) = (SIDE as usize, GUIDE_DIRECTIONS as usize, GUIDE_PLACES as usize);
@@ -83,7 +84,7 @@ pub fn densities(found: &[FoundLine], half: Vec3) -> Vec<f32> {
         let mean = row.iter().sum::<f32>() / cells as f32;
         densities.extend(row.iter().copied().chain([mean]).chain(std::iter::repeat_n(0.0, side - cells - 1)));
     }
-    densities.extend(local_sky::slots(&seen, half));
+    densities.extend(local_sky::slots(&seen, &of_directions, half));
     densities
 }
 

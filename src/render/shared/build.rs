@@ -238,7 +238,7 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         narrow_only: u32::from(c.narrow_only),
         light_points: plan.points_connected(c),
         lights: plan.lights_connected(c),
-        own_sky: u32::from(plan.guides_sky),
+        ..Default::default()
     };
     let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.guided_sky, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
