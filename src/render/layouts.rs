@@ -71,7 +71,7 @@ layouts! {
         listed: u32,
         triangles: u32,
         words: u32,
-        pad: u32,
+        sub_cells: f32,
     }
 
     /// The axis along which distances of empty cells are found.

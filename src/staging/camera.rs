@@ -1,5 +1,5 @@
-//! Chooses a camera automatically: objects in a three-quarter view from a little above, flat objects from
-//! their front, rooms from inside.
+//! Chooses a camera automatically: objects in a three-quarter view from a little above, without the ground that
+//! they stand on, flat objects from their front, rooms from inside.
 //!
 //! The choice is made by ray casting on the CPU. Sample points on the surfaces measure the fraction of the
 //! scene that a view shows, and decide if most of it is visible from outside at all. Rays from points at eye
@@ -12,7 +12,9 @@ use rayon::prelude::*;
 
 use crate::reference::Reference;
 use crate::reference::bvh::Hit;
-use crate::scene::{Camera, FovAxis, Projection, Sides};
+use crate::scene::{Camera, FovAxis, Geometry, Projection, Sides};
+
+use super::ground;
 
 /// Full angle of view along the shorter side, radians: a short telephoto lens for objects, a wide-angle lens
 /// for rooms.
@@ -102,11 +104,11 @@ struct Place {
     closed: f32,
 }
 
-/// Chooses a camera for an image size in pixels. `points` are all vertex positions at all times, including
-/// those of the reference's own pose.
+/// Chooses a camera for an image size in pixels. `points` are the positions that it may frame, at all times:
+/// [`subject_points`] of the reference's own pose, and of others.
 #[must_use]
 pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera, Subject) {
-    let samples = samples(reference);
+    let mut samples = samples(reference, |_| true);
     if samples.is_empty() {
         let eye = Vec3::new(1.0, 1.0, 3.0);
         return (camera(OBJECT_FOV, eye, Vec3::ZERO), Subject::Empty);
@@ -118,6 +120,10 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
         && let Some(camera) = inside(reference, &samples, places, size)
     {
         return (camera, Subject::Room);
+    }
+    let ground = ground::find(reference.geometry());
+    if ground.contains(&true) {
+        samples = self::samples(reference, |corners| !ground[corners[0] as usize]);
     }
     let points = &main_part(&samples, points);
     let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
@@ -132,6 +138,13 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
         (weight * shown(reference, &samples, Vec3::from(camera.world_from_camera.translation)), camera)
     });
     (best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size)), subject)
+}
+
+/// Returns the positions of the vertices that a picture is about: all but those of a ground.
+#[must_use]
+pub fn subject_points(geometry: &Geometry) -> Vec<Vec3> {
+    let ground = ground::find(geometry);
+    geometry.vertices.iter().zip(ground).filter(|(_, ground)| !ground).map(|(v, _)| v.position).collect()
 }
 
 /// Azimuth and elevation of views from outside, degrees, and a preference by which the visible fraction is
@@ -212,23 +225,24 @@ fn fit(points: &[Vec3], towards_eye: Vec3, [width, height]: [u32; 2]) -> Camera 
     camera(OBJECT_FOV, eye.as_vec3(), (eye - back * distance).as_vec3())
 }
 
-/// Samples points on the surfaces: half of them by area, half of them uniformly over triangles, since small
-/// parts often are the subject of a picture.
-fn samples(reference: &Reference) -> Vec<Sample> {
+/// Samples points on the triangles whose corners are asked for: half of them by area, half of them uniformly over
+/// triangles, since small parts often are the subject of a picture.
+fn samples(reference: &Reference, asked_for: impl Fn(&[u32; 3]) -> bool) -> Vec<Sample> {
     let geometry = reference.geometry();
-    let count = geometry.triangles.len();
+    let from: Vec<usize> = (0..geometry.triangles.len()).filter(|&i| asked_for(&geometry.triangles[i])).collect();
+    let count = from.len();
     let area = |i: usize| {
         let [a, b, c] = geometry.positions(i);
         f64::from((b - a).cross(c - a).length())
     };
-    let total: f64 = (0..count).map(area).sum();
+    let total: f64 = from.iter().map(|&i| area(i)).sum();
     if count == 0 || total <= 0.0 {
         return Vec::new();
     }
     let half = SAMPLES / 2;
-    let mut triangles: Vec<usize> = (0..half).map(|n| n * count / half).collect();
+    let mut triangles: Vec<usize> = (0..half).map(|n| from[n * count / half]).collect();
     let mut sum = 0.0;
-    for i in 0..count {
+    for i in from {
         sum += area(i);
         while triangles.len() < 2 * half && sum >= total * ((triangles.len() - half) as f64 + 0.5) / half as f64 {
             triangles.push(i);

@@ -5,6 +5,7 @@
 //! use the CPU reference with about ten thousand rays. A scene that has both is not changed.
 
 pub mod camera;
+mod ground;
 pub mod light;
 mod orbit_camera;
 
@@ -129,17 +130,16 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
 const POSES: usize = 12;
 const MOST_POINTS: usize = 4_000_000;
 
-/// Returns all vertex positions in the rest pose and during the first animation.
+/// Returns the positions of what a picture is about, in the rest pose and during the first animation.
 fn points(scene: &Scene, geometry: &Geometry) -> Vec<Vec3> {
-    let of = |geometry: &Geometry| geometry.vertices.iter().map(|v| v.position).collect::<Vec<_>>();
-    let mut points = of(geometry);
+    let mut points = camera::subject_points(geometry);
     let animation = scene.rig.as_ref().and_then(|rig| rig.animations.first());
     let Some(seconds) = animation.map(scene::animation::Animation::seconds) else { return points };
-    let poses = POSES.min(MOST_POINTS / points.len().max(1));
+    let poses = POSES.min(MOST_POINTS / geometry.vertices.len().max(1));
     for pose in 0..poses {
         // A pose that cannot be evaluated is reported when it is rendered.
         if let Ok(posed) = scene.at(0, seconds * (pose as f32 + 0.5) / poses as f32) {
-            points.extend(of(&Geometry::new(&posed)));
+            points.extend(camera::subject_points(&Geometry::new(&posed)));
         }
     }
     points

@@ -329,6 +329,36 @@ fn the_image_s_shape_is_filled() {
     }
 }
 
+/// A model on the plane that a modelling program put below it fills the picture, and the plane does not. Where the things
+/// are spread over the ground, or are a detail of it, the picture shows all.
+#[test]
+fn what_stands_on_a_wide_ground_fills_the_picture() {
+    let on = |ground: Mesh, balls: &[Vec3]| {
+        let mut scene = of(|s| place(s, ground, Sides::OneCulled, Vec3::ONE, Vec3::ZERO));
+        balls.iter().for_each(|&at| place(&mut scene, shapes::icosphere(3), Sides::OneCulled, Vec3::ONE, at));
+        complete(&mut scene);
+        scene
+    };
+    let span = |scene: &Scene, instances: std::ops::Range<usize>| {
+        let only = Scene { instances: scene.instances[instances].to_vec(), ..scene.clone() };
+        let vertices = lightsheaf::scene::Geometry::new(&only).vertices;
+        let at = vertices.iter().filter_map(|v| scene.cameras[0].project(v.position, SIDE, SIDE));
+        let (low, high) = at.fold((glam::Vec2::MAX, glam::Vec2::MIN), |(low, high), p| (low.min(p), high.max(p)));
+        (high - low).max_element()
+    };
+    let plane = || shapes::quad(Vec3::new(-50.0, 0.0, 50.0), Vec3::X * 100.0, Vec3::NEG_Z * 100.0);
+    let one = on(plane(), &[Vec3::new(3.0, 1.0, -5.0)]);
+    assert!((0.75..0.9).contains(&span(&one, 1..2)), "one: {}", span(&one, 1..2));
+    let pair = on(plane(), &[Vec3::new(3.0, 1.0, -5.0), Vec3::new(9.0, 1.0, -5.0)]);
+    assert!((0.75..0.9).contains(&span(&pair, 1..3)), "two: {}", span(&pair, 1..3));
+    let apart = on(plane(), &[Vec3::new(-30.0, 1.0, -30.0), Vec3::new(30.0, 1.0, 30.0)]);
+    assert!((0.75..0.9).contains(&span(&apart, 0..3)), "apart: {}", span(&apart, 0..3));
+    let mut plate = Mesh { normals: Vec::new(), ..shapes::disk(20_000) };
+    plate.positions.iter_mut().for_each(|p| *p = Vec3::new(p.x, p.z, -p.y) * 50.0);
+    let detail = on(plate, &[Vec3::Y]);
+    assert!((0.75..0.9).contains(&span(&detail, 0..2)), "a detail: {}", span(&detail, 0..2));
+}
+
 /// A lamp's bulb in a room counts as its light; the emissive eyes of a toy do not.
 #[test]
 fn light_that_shows_nothing_is_not_enough() {

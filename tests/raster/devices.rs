@@ -48,6 +48,27 @@ fn gpus_and_software_drivers_make_the_same_pictures() {
     }
 }
 
+/// A grid that would be longer than a buffer is made coarser, and rays through it meet the same triangles. If not even that
+/// fits, the error says what does.
+#[test]
+fn a_grid_is_as_coarse_as_the_device_needs() {
+    let Some(gpu) = common::gpu() else { return };
+    let Ok(mut small) = Gpu::new() else { return };
+    let scene = lightsheaf::scene::load("builtin:displaced_room:60000").unwrap();
+    let triangles = lightsheaf::scene::Geometry::new(&scene).triangles.len() as u64;
+    let settings =
+        Settings { visibility_from: VisibilityFrom::Grid, width: 32, height: 32, samples: 2, ..Settings::plain() };
+    let picture = common::raster(gpu, &scene, &settings).0;
+    // 48 bytes for each triangle, and about 2.3 MB for lists.
+    small.capabilities.max_storage_bytes = 48 * triangles + 2_000_000;
+    let difference = compare(&common::raster(&small, &scene, &settings).0, &picture).unwrap();
+    assert!(difference.rel_mse < 1e-8, "{}", difference.rel_mse);
+    small.capabilities.max_storage_bytes = 48 * triangles + 200_000;
+    let refused = lightsheaf::render::shared::SharedRenderer::new(&small, &scene, &settings).err();
+    let text = refused.map(|error| error.to_string()).unwrap_or_default();
+    assert!(text.contains("--visibility-from lists") && text.contains(&triangles.to_string()), "{text}");
+}
+
 /// Runs are counted all the time, and timed when asked for. The device is this test's own.
 #[test]
 fn passes_are_timed_when_asked_for() {

@@ -15,8 +15,13 @@ use crate::render::visibility::view::capacity_for;
 /// Share of the box's longest side by which the box is enlarged.
 const MARGIN: f32 = 1e-3;
 
-/// Triangles of a cell that is not divided.
+/// Triangles of a cell that is not divided, and sub-cells of a divided one for each of its triangles.
 const LISTED: u32 = 12;
+const SUB_CELLS: f32 = 2.0;
+
+/// How often these are doubled and halved, at most, where lists would be longer than a buffer. A grid of 2,000,000
+/// triangles fits into WebGPU's 128 MiB that way.
+const COARSEST: u32 = 5;
 
 /// Words that entries of lists can be addressed with.
 const MOST_WORDS: u64 = 1 << 26;
@@ -35,6 +40,8 @@ pub struct Grid {
     distances: [wgpu::Buffer; 2],
     /// Sub-cells, and entries of lists.
     totals: wgpu::Buffer,
+    /// How often cells are divided less, 0 to [`COARSEST`].
+    coarseness: u32,
 }
 
 /// Returns the cells along the longest side of the box of a number of triangles.
@@ -132,17 +139,37 @@ impl Grid {
             counts: none("counts"),
             distances: [none("distances"), none("distances")],
             totals: gpu.storage("totals", 16),
+            coarseness: 0,
         };
         this.rebuild(gpu, scene).await?;
         Ok(this)
     }
 
-    /// Rasterizes the scene in another pose. Buffers are kept where they are long enough.
+    /// Rasterizes the scene in another pose. Buffers are kept where they are long enough, and the grid is as coarse as the
+    /// last one had to be.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub async fn rebuild(&mut self, gpu: &Gpu, scene: &TracedScene<'_>) -> Result<(), GpuError> {
+        while let Some(words) = self.overflow(gpu, scene).await? {
+            if self.coarseness == COARSEST {
+                return Err(GpuError::Device(format!(
+                    "the grid of the scene's {} triangles needs {words} words; the adapter's limit is {}; simplify the \
+                     scene, or use --visibility ray-query or bvh, or --visibility-from lists",
+                    scene.triangles,
+                    room(gpu, self.words_at / 4)
+                )));
+            }
+            self.coarseness += 1;
+        }
+        Ok(())
+    }
+
+    /// Rasterizes the scene. Returns the words of cells and lists if there is no room for them.
+    async fn overflow(&mut self, gpu: &Gpu, scene: &TracedScene<'_>) -> Result<Option<u64>, GpuError> {
         let mut grid = frame_of(scene, &gpu.capabilities);
+        grid.listed = LISTED << self.coarseness;
+        grid.sub_cells = SUB_CELLS / (1 << self.coarseness) as f32;
         // Parts of a buffer are bound at multiples of this.
         let alignment = u64::from(wgpu::Limits::default().min_storage_buffer_offset_alignment);
         self.words_at = (48 * u64::from(scene.triangles)).next_multiple_of(alignment);
@@ -154,6 +181,10 @@ impl Grid {
         let write = |grid: &layouts::Grid, to: &wgpu::Buffer| gpu.queue.write_buffer(to, 0, bytemuck::bytes_of(grid));
         write(&grid, &self.grid);
 
+        let room = room(gpu, words);
+        if cells > room {
+            return Ok(Some(cells));
+        }
         let mut recording = Recording::new(gpu, scene, "grid: cells");
         recording.lengthen(&mut self.counts, "counts", cells, 0);
         recording.lengthen(&mut self.rows, "grid_rows", words + cells, 0);
@@ -165,7 +196,9 @@ impl Grid {
         recording.submit();
         let sub_cells = u64::from(read_back_async::<u32>(gpu, &self.totals, 1).await?[0]);
         let lists = cells + sub_cells;
-        check(gpu, words, lists)?;
+        if lists > room {
+            return Ok(Some(lists));
+        }
         grid.lists = lists as u32;
         write(&grid, &self.grid);
 
@@ -178,7 +211,9 @@ impl Grid {
         recording.run(&self.passes.reserve, rows(lists as u32), &self.inputs());
         recording.submit();
         let entries = u64::from(read_back_async::<u32>(gpu, &self.totals, 2).await?[1]);
-        check(gpu, words, lists + entries)?;
+        if lists + entries > room {
+            return Ok(Some(lists + entries));
+        }
 
         let mut recording = Recording::new(gpu, scene, "grid: lists");
         recording.lengthen(&mut self.rows, "grid_rows", words + lists + entries, words + lists);
@@ -193,8 +228,12 @@ impl Grid {
         }
         recording.submit();
         let size = grid.size;
-        log::debug!("grid: {size:?} cells, {sub_cells} sub-cells, {entries} entries of {} triangles", scene.triangles);
-        Ok(())
+        log::debug!(
+            "grid: {size:?} cells, {sub_cells} sub-cells, {entries} entries of {} triangles, coarseness {}",
+            scene.triangles,
+            self.coarseness
+        );
+        Ok(None)
     }
 
     /// Returns the bindings of the passes that build the grid.
@@ -228,16 +267,9 @@ fn bind<'a>(name: &'a str, buffer: &'a wgpu::Buffer) -> Binding<'a> {
     (name, buffer.as_entire_binding())
 }
 
-/// Checks that words can be bound behind others, and addressed.
-fn check(gpu: &Gpu, before: u64, words: u64) -> Result<(), GpuError> {
-    let limit = (gpu.capabilities.max_storage_bytes / 4).saturating_sub(before).min(MOST_WORDS);
-    if words <= limit {
-        return Ok(());
-    }
-    Err(GpuError::Device(format!(
-        "the grid of the scene's triangles needs {words} words; the adapter's limit is {limit}; simplify the scene, or use \
-         --visibility ray-query or bvh"
-    )))
+/// Returns the number of words that can be bound behind others, and addressed.
+fn room(gpu: &Gpu, before: u64) -> u64 {
+    (gpu.capabilities.max_storage_bytes / 4).saturating_sub(before).min(MOST_WORDS)
 }
 
 /// Returns the box and its division into cubes.
@@ -256,7 +288,6 @@ fn frame_of(scene: &TracedScene, capabilities: &Capabilities) -> layouts::Grid {
         low: low.to_array(),
         scale,
         size: cells.as_uvec3().to_array(),
-        listed: LISTED,
         triangles: scene.triangles,
         ..Default::default()
     }
