@@ -65,6 +65,10 @@ const PLACES_OF_A_STAGE: f32 = 0.08;
 const SEEN_FROM_OUTSIDE: f32 = 0.2;
 const SEEN_OF_A_STAGE: f32 = 0.55;
 
+/// Least product of the shares of a stage's enclosed places and of the surfaces that are seen from where it is viewed: 0.4
+/// or more in open boxes, 0.03 or less in houses with openings, which are viewed from inside.
+const SHOWN_OF_A_STAGE: f32 = 0.1;
+
 /// Largest ratio of height to width of a horizontal scene.
 const LYING: f32 = 0.25;
 
@@ -126,18 +130,36 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
         samples = self::samples(reference, |corners| !ground[corners[0] as usize]);
     }
     let points = &main_part(&samples, points);
-    let (views, subject) = match (enclosure, flat_front(reference, &samples, points)) {
-        // The streets of a town are partly enclosed, but a town is not viewed like a stage.
-        (Enclosure::Stage, _) if !lies => (directions(&STAGE_VIEWS), Subject::Stage),
-        (_, Some(front)) => (vec![(front, 1.0)], Subject::Flat),
-        (_, None) if lies => (directions(&LYING_VIEWS), Subject::Object),
-        (_, None) => (directions(&VIEWS), Subject::Object),
+    let best_of = |views: Vec<(Vec3, f32)>| {
+        let judged = views.into_par_iter().map(|(towards_eye, weight)| {
+            let camera = fit(points, towards_eye, size);
+            (weight * shown(reference, &samples, Vec3::from(camera.world_from_camera.translation)), camera)
+        });
+        best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size))
     };
-    let judged = views.into_par_iter().map(|(towards_eye, weight)| {
-        let camera = fit(points, towards_eye, size);
-        (weight * shown(reference, &samples, Vec3::from(camera.world_from_camera.translation)), camera)
-    });
-    (best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size)), subject)
+    // The streets of a town are partly enclosed, but a town is not viewed like a stage.
+    if let Enclosure::Stage(places) = &enclosure
+        && !lies
+    {
+        let camera = best_of(directions(&STAGE_VIEWS));
+        let eye = Vec3::from(camera.world_from_camera.translation);
+        let (of_places, of_surfaces) = (places_shown(reference, places, eye), shown(reference, &samples, eye));
+        log::debug!("camera: from outside {of_places} of these places and {of_surfaces} of the surfaces are seen");
+        if of_places * of_surfaces >= SHOWN_OF_A_STAGE {
+            return (camera, Subject::Stage);
+        }
+        let closed = eyes(places, CLOSED);
+        let eyes = if closed.is_empty() { eyes(places, PARTLY_CLOSED) } else { closed };
+        if let Some(camera) = inside(reference, &samples, &eyes, size) {
+            return (camera, Subject::Room);
+        }
+    }
+    let (views, subject) = match flat_front(reference, &samples, points) {
+        Some(front) => (vec![(front, 1.0)], Subject::Flat),
+        None if lies => (directions(&LYING_VIEWS), Subject::Object),
+        None => (directions(&VIEWS), Subject::Object),
+    };
+    (best_of(views), subject)
 }
 
 /// Returns the positions of the vertices that a picture is about: all but those of a ground.
@@ -349,10 +371,15 @@ fn seen_from_outside(reference: &Reference, samples: &[Sample]) -> f32 {
 enum Enclosure {
     /// The scene encloses no space.
     None,
-    /// A space that is open on one side, such as a stage.
-    Stage,
+    /// A space that is open on one side, such as a stage, with its partly enclosed places.
+    Stage(Vec<Place>),
     /// A room, with positions for the eye.
     Room(Vec<Vec3>),
+}
+
+/// Returns the positions of places that are closed at least so much.
+fn eyes(places: &[Place], closed: f32) -> Vec<Vec3> {
+    places.iter().filter(|place| place.closed >= closed).map(|place| place.eye).collect()
 }
 
 fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
@@ -361,16 +388,28 @@ fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     if enclosed < PLACES_OF_A_ROOM {
         return Enclosure::None;
     }
-    let rooms: Vec<Vec3> = places.iter().filter(|p| p.closed >= CLOSED).map(|p| p.eye).collect();
+    let rooms = eyes(&places, CLOSED);
     let share = rooms.len() as f32 / places.len() as f32;
     let outside = seen_from_outside(reference, samples);
+    log::debug!(
+        "camera: {enclosed} of the places are enclosed, {share} of these closed; {outside} is seen from outside"
+    );
     if share >= SHARE_CLOSED && outside <= SEEN_FROM_OUTSIDE * (1.0 + share) {
         Enclosure::Room(rooms)
     } else if enclosed >= PLACES_OF_A_STAGE && outside <= SEEN_OF_A_STAGE {
-        Enclosure::Stage
+        Enclosure::Stage(places)
     } else {
         Enclosure::None
     }
+}
+
+/// Returns the fraction of places that is visible from a position.
+fn places_shown(reference: &Reference, places: &[Place], eye: Vec3) -> f32 {
+    let is_seen = |place: &&Place| {
+        let to = place.eye - eye;
+        reference.first_hit(eye, to.normalize_or(Vec3::NEG_Z)).is_none_or(|hit| hit.t > to.length())
+    };
+    places.iter().filter(is_seen).count() as f32 / places.len() as f32
 }
 
 /// Returns the camera in a room with the best product of visible distance and visible fraction of the

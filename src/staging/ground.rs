@@ -13,6 +13,9 @@ const HIGH: f32 = 0.1;
 /// with the ground, such as a town.
 const SMALL: f32 = 0.35;
 
+/// Least height of what stands on a ground, relative to its own width, so that it is more than a mark on it.
+const RISES: f32 = 0.05;
+
 /// Least share of the triangles in what stands on a ground, so that it is more than a detail of a flat object.
 const SHARE_OF_TRIANGLES: f32 = 0.1;
 
@@ -70,7 +73,8 @@ fn mark_ground(pieces: &mut [Piece], at: &[usize]) -> bool {
     let (grounds, things): (Vec<usize>, Vec<usize>) = rest.into_iter().partition(is_ground);
     let ([low, high], triangles) = sum(pieces, &things);
     let Some(widest) = grounds.iter().map(|&n| width(pieces[n].bounds)).reduce(f32::max) else { return false };
-    let small = (high - low).max_element() <= SMALL * widest;
+    let extent = high - low;
+    let small = extent.max_element() <= SMALL * widest && extent.y >= RISES * extent.x.max(extent.z);
     if triangles == 0 || !small || (triangles as f32) < SHARE_OF_TRIANGLES * all_triangles as f32 {
         return false;
     }

@@ -32,7 +32,7 @@ const REFLECTING: f32 = 0.1;
 /// `OF_EMITTERS` and `ENOUGH` for scenes whose only light is what glows, such as the eyes of a toy: beside
 /// what is white, 3e-3 of it, which is 10 of 255 in sRGB, looks black.
 const OF_GLOW: f32 = 3e-3;
-const ENOUGH_GLOW: f32 = 0.25;
+const ENOUGH_GLOW: f32 = 0.5;
 
 /// Least fraction of open directions around the visible points of a room for daylight.
 const OPEN: f32 = 0.002;
@@ -133,6 +133,7 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     let at = |share: f32| luminances[((luminances.len() - 1) as f32 * share) as usize];
     let enough = if glows { visible } else { visible.max(LIT * at(BRIGHT)) };
     let lit = luminances.iter().filter(|&&l| l > enough).count();
+    log::debug!("light: {lit} of {} visible points are lit; of glow: {glows}", luminances.len());
     (lit as f32) < share * luminances.len() as f32
 }
 

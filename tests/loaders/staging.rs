@@ -75,6 +75,28 @@ fn room(half: Vec3, window: bool) -> Scene {
     })
 }
 
+/// Returns a room whose walls are pillars and parapets, so that much of the inside is seen from outside, but from each
+/// side little of it.
+fn house() -> Scene {
+    of(|scene| {
+        let [half, thick] = [4.0, 0.1];
+        for sign in [-1.0, 1.0] {
+            block(scene, Vec3::new(half + 2.0 * thick, thick, half + 2.0 * thick), Vec3::Y * sign * (1.5 + thick));
+            for (along, across) in [(Vec3::X, Vec3::Z), (Vec3::Z, Vec3::X)] {
+                let wall = sign * (half + thick) * across;
+                block(scene, half * along + Vec3::Y * 0.6 + thick * across, wall - Vec3::Y * 0.9);
+                for n in [-1.0, 0.0, 1.0] {
+                    block(scene, along + Vec3::Y * 0.9 + thick * across, wall + 3.2 * n * along + Vec3::Y * 0.6);
+                }
+            }
+        }
+        for n in 0..5 {
+            let at = Vec3::new((n as f32 * 0.37).fract() - 0.5, 0.0, (n as f32 * 0.61).fract() - 0.5) * 5.0;
+            block(scene, Vec3::new(0.3, 0.5, 0.3), at - Vec3::Y);
+        }
+    })
+}
+
 fn city() -> Scene {
     of(|scene| {
         for n in 0..400_u32 {
@@ -228,6 +250,7 @@ fn scenes() -> Vec<Expected> {
                 }
             }),
         ),
+        expect("house with large windows", Subject::Room, full, "sky", house()),
         expect("city", Subject::Object, thing, "sky", city()),
     ]
 }
