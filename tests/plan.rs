@@ -566,6 +566,22 @@ fn bytes_grow_with_what_is_asked_for() {
     assert_eq!(pooled(Settings { light_resolution: Some(256), ..Settings::plain() }), 256);
 }
 
+/// In a room lit from outside a light subpath that all pixels share counts less than the pixels' own subpaths, unless a
+/// strategy is rendered alone.
+#[test]
+fn what_all_pixels_share_counts_less_than_what_is_their_own() {
+    let glossy = SceneStats { glossy_triangles: 10, ..one_light() };
+    let room = SceneStats { environment: true, camera_inside: true, ..glossy.clone() };
+    let counts =
+        |stats: &SceneStats, only| plan_of(stats, &Settings { only, ..bounces(2) }).sample_counts([0, 1, 1, 1]);
+    assert_eq!(counts(&one_light(), None), [0.0, 1.0, 1.0, 1.0]);
+    assert_eq!(counts(&glossy, None), [0.0, 1.0, 1.0, 1.0]);
+    assert_eq!(counts(&room, None), [0.0, 1.0, 0.25, 0.25]);
+    let only = |weighted| Some(OnlyStrategy { s: 2, t: 2, weighted });
+    assert_eq!(counts(&room, only(true)), [0.0, 1.0, 0.25, 0.25]);
+    assert_eq!(counts(&room, only(false)), [0.0, 1.0, 1.0, 1.0]);
+}
+
 /// Returns the side of the squares of interleaved sampling at 512x512, and its reason.
 fn interleave(stats: &SceneStats, settings: &Settings) -> (u32, String) {
     let plan = plan_of(stats, settings);

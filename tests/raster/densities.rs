@@ -48,7 +48,7 @@ fn weights(gpu: &Gpu, sample_counts: [f32; 4], beta: f32, kind: u32) -> Vec<[f32
 /// Sample counts of the strategies: all and subsets, a pool of 16 light candidates, and one sample per light,
 /// which counts as 1 / p samples of a light that is chosen with p = 0.3. The plan has the latter two in
 /// direct light, where s = 2 and 3 do not exist; the weights hold with them, too.
-const SAMPLE_COUNTS: [[f32; 4]; 8] = [
+const SAMPLE_COUNTS: [[f32; 4]; 10] = [
     [1.0, 1.0, 1.0, 1.0],
     [1.0, 1.0, 1.0, 0.0],
     [0.0, 1.0, 1.0, 1.0],
@@ -57,6 +57,8 @@ const SAMPLE_COUNTS: [[f32; 4]; 8] = [
     [1.0, 1.0 / 0.3, 0.0, 0.0],
     [1.0, 16.0, 1.0, 1.0],
     [0.0, 1.0 / 0.3, 1.0, 1.0],
+    [1.0, 1.0, 0.25, 0.25],
+    [0.0, 4.0 / 0.3, 0.25, 0.25],
 ];
 
 #[test]

@@ -230,7 +230,7 @@ impl Passes {
 /// Builds the pass of a connection.
 fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, clamp_distance: f32) -> ConnectionPass {
     let constants = layouts::Strategy {
-        sample_counts: c.samples.map(|n| n as f32),
+        sample_counts: plan.sample_counts(c.samples),
         s: c.s,
         j: c.j,
         clear: u32::from(plan.is_clear(c)),
@@ -259,7 +259,7 @@ fn extension(
     e: &Extension,
     clamp_distance: f32,
 ) -> (StrategyUniforms, Extend) {
-    let sample_counts = e.samples.map(|n| n as f32);
+    let sample_counts = plan.sample_counts(e.samples);
     let narrow_only = u32::from(e.narrow_only);
     let own_sky = u32::from(plan.guides_sky && !(e.j == 1 && plan.has_candidates()));
     let constants =
