@@ -108,16 +108,19 @@ struct Place {
     closed: f32,
 }
 
-/// Chooses a camera for an image size in pixels. `points` are the positions that it may frame, at all times:
-/// [`subject_points`] of the reference's own pose, and of others.
+/// Chooses a camera for an image size in pixels. It frames the reference's own pose, and `posed`: [`subject_points`] of
+/// others.
 #[must_use]
-pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera, Subject) {
+pub fn choose(reference: &Reference, posed: &[Vec3], size: [u32; 2]) -> (Camera, Subject) {
     let mut samples = samples(reference, |_| true);
     if samples.is_empty() {
         let eye = Vec3::new(1.0, 1.0, 3.0);
         return (camera(OBJECT_FOV, eye, Vec3::ZERO), Subject::Empty);
     }
-    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(points, axis));
+    let geometry = reference.geometry();
+    let ground = ground::find(geometry);
+    let points: Vec<Vec3> = without(geometry, &ground).chain(posed.iter().copied()).collect();
+    let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(&points, axis));
     let lies = y < LYING * x.min(z);
     let enclosure = enclosure(reference, &samples);
     if let Enclosure::Room(places) = &enclosure
@@ -125,11 +128,10 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
     {
         return (camera, Subject::Room);
     }
-    let ground = ground::find(reference.geometry());
     if ground.contains(&true) {
         samples = self::samples(reference, |corners| !ground[corners[0] as usize]);
     }
-    let points = &main_part(&samples, points);
+    let points = &main_part(&samples, &points);
     let best_of = |views: Vec<(Vec3, f32)>| {
         let judged = views.into_par_iter().map(|(towards_eye, weight)| {
             let camera = fit(points, towards_eye, size);
@@ -165,8 +167,12 @@ pub fn choose(reference: &Reference, points: &[Vec3], size: [u32; 2]) -> (Camera
 /// Returns the positions of the vertices that a picture is about: all but those of a ground.
 #[must_use]
 pub fn subject_points(geometry: &Geometry) -> Vec<Vec3> {
-    let ground = ground::find(geometry);
-    geometry.vertices.iter().zip(ground).filter(|(_, ground)| !ground).map(|(v, _)| v.position).collect()
+    without(geometry, &ground::find(geometry)).collect()
+}
+
+/// Returns the positions of the vertices that do not belong to a ground.
+fn without(geometry: &Geometry, ground: &[bool]) -> impl Iterator<Item = Vec3> {
+    geometry.vertices.iter().zip(ground).filter(|(_, ground)| !**ground).map(|(v, _)| v.position)
 }
 
 /// Azimuth and elevation of views from outside, degrees, and a preference by which the visible fraction is

@@ -1,5 +1,7 @@
 //! Finds the ground that everything else in a scene stands on.
 
+use std::collections::HashMap;
+
 use glam::Vec3;
 
 use crate::scene::Geometry;
@@ -29,7 +31,6 @@ fn around([low, high]: Bounds, [other_low, other_high]: Bounds) -> Bounds {
 }
 
 /// A connected surface.
-#[derive(Clone, Copy)]
 struct Piece {
     bounds: Bounds,
     triangles: u32,
@@ -42,43 +43,43 @@ struct Piece {
 /// below it. A ground may stand on another, such as an island in the sea.
 pub fn find(geometry: &Geometry) -> Vec<bool> {
     let roots = roots(geometry);
-    let mut pieces = vec![Piece { bounds: NOTHING, triangles: 0, is_ground: false }; roots.len()];
+    let mut pieces = HashMap::new();
     for corners in &geometry.triangles {
-        let piece = &mut pieces[roots[corners[0] as usize] as usize];
+        let empty = Piece { bounds: NOTHING, triangles: 0, is_ground: false };
+        let piece = pieces.entry(roots[corners[0] as usize]).or_insert(empty);
         piece.triangles += 1;
         piece.bounds =
             corners.iter().fold(piece.bounds, |bounds, &i| around(bounds, [geometry.vertices[i as usize].position; 2]));
     }
-    let at: Vec<usize> = (0..pieces.len()).filter(|&n| pieces[n].triangles > 0).collect();
-    while mark_ground(&mut pieces, &at) {}
-    roots.iter().map(|&root| pieces[root as usize].is_ground).collect()
+    while mark_ground(pieces.values_mut()) {}
+    roots.iter().map(|root| pieces.get(root).is_some_and(|piece| piece.is_ground)).collect()
 }
 
 /// Marks the pieces that are the ground of all others that are no ground yet. Returns false if there are none.
-fn mark_ground(pieces: &mut [Piece], at: &[usize]) -> bool {
-    let rest: Vec<usize> = at.iter().copied().filter(|&n| !pieces[n].is_ground).collect();
-    let sum = |pieces: &[Piece], of: &[usize]| {
-        of.iter().fold((NOTHING, 0), |(bounds, triangles), &n| {
-            (around(bounds, pieces[n].bounds), triangles + pieces[n].triangles)
+fn mark_ground<'a>(pieces: impl Iterator<Item = &'a mut Piece>) -> bool {
+    fn sum(pieces: &[&mut Piece]) -> (Bounds, u32) {
+        pieces.iter().fold((NOTHING, 0), |(bounds, triangles), piece| {
+            (around(bounds, piece.bounds), triangles + piece.triangles)
         })
-    };
-    let ([low, high], all_triangles) = sum(pieces, &rest);
+    }
+    let rest: Vec<&mut Piece> = pieces.filter(|piece| !piece.is_ground).collect();
+    let ([low, high], all_triangles) = sum(&rest);
     let least = WIDE * (high - low);
     let width = |[low, high]: Bounds| (high.x - low.x).min(high.z - low.z);
-    let is_ground = |n: &usize| {
-        let [low, high] = pieces[*n].bounds;
+    let is_ground = |piece: &&mut Piece| {
+        let [low, high] = piece.bounds;
         let extent = high - low;
         extent.x >= least.x && extent.z >= least.z && extent.y <= HIGH * width([low, high])
     };
-    let (grounds, things): (Vec<usize>, Vec<usize>) = rest.into_iter().partition(is_ground);
-    let ([low, high], triangles) = sum(pieces, &things);
-    let Some(widest) = grounds.iter().map(|&n| width(pieces[n].bounds)).reduce(f32::max) else { return false };
+    let (grounds, things): (Vec<_>, Vec<_>) = rest.into_iter().partition(is_ground);
+    let ([low, high], triangles) = sum(&things);
+    let Some(widest) = grounds.iter().map(|piece| width(piece.bounds)).reduce(f32::max) else { return false };
     let extent = high - low;
     let small = extent.max_element() <= SMALL * widest && extent.y >= RISES * extent.x.max(extent.z);
     if triangles == 0 || !small || (triangles as f32) < SHARE_OF_TRIANGLES * all_triangles as f32 {
         return false;
     }
-    grounds.into_iter().for_each(|n| pieces[n].is_ground = true);
+    grounds.into_iter().for_each(|piece| piece.is_ground = true);
     true
 }
 

@@ -91,7 +91,7 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
         return Ok(());
     }
     let mut reference = Reference::new(scene);
-    let chosen = chooses.then(|| camera::choose(&reference, &points(scene, reference.geometry()), staging.size));
+    let chosen = chooses.then(|| camera::choose(&reference, &posed(scene, reference.geometry()), staging.size));
     let emits_light = light::emits_light(scene);
     let added =
         chosen.as_ref().map(|(camera, _)| camera).or_else(|| scene.cameras.get(staging.camera.index(&scene.cameras)?));
@@ -130,12 +130,12 @@ pub fn complete(scene: &mut Scene, staging: &Staging) -> Result<(), LoadError> {
 const POSES: usize = 12;
 const MOST_POINTS: usize = 4_000_000;
 
-/// Returns the positions of what a picture is about, in the rest pose and during the first animation.
-fn points(scene: &Scene, geometry: &Geometry) -> Vec<Vec3> {
-    let mut points = camera::subject_points(geometry);
+/// Returns the positions of what a picture is about during the first animation. `rest` is the rest pose.
+fn posed(scene: &Scene, rest: &Geometry) -> Vec<Vec3> {
+    let mut points = Vec::new();
     let animation = scene.rig.as_ref().and_then(|rig| rig.animations.first());
     let Some(seconds) = animation.map(scene::animation::Animation::seconds) else { return points };
-    let poses = POSES.min(MOST_POINTS / geometry.vertices.len().max(1));
+    let poses = POSES.min(MOST_POINTS / rest.vertices.len().max(1));
     for pose in 0..poses {
         // A pose that cannot be evaluated is reported when it is rendered.
         if let Ok(posed) = scene.at(0, seconds * (pose as f32 + 0.5) / poses as f32) {
