@@ -17,6 +17,6 @@ if ! [[ -x $output/venv/bin/maturin ]]; then
 fi
 export VIRTUAL_ENV=$PWD/$output/venv
 [[ $output == /* ]] && VIRTUAL_ENV=$output/venv
-# What cargo has built by default is used again.
-"$VIRTUAL_ENV/bin/maturin" develop --quiet --features viewer --manifest-path python/Cargo.toml
+# What cargo has built for the library's tests is used again.
+"$VIRTUAL_ENV/bin/maturin" develop --quiet --features as-tested --manifest-path python/Cargo.toml
 exec "$VIRTUAL_ENV/bin/python" -m unittest discover --start-directory python/tests --verbose

@@ -25,6 +25,31 @@ step() {
     printf '== took %d s\n' $((SECONDS - began))
 }
 
+# The page can be done without where its target cannot be installed; tests that need it are skipped then.
+build_page() {
+    scripts/web.sh --build || { [[ $? -eq 3 ]]; return; }
+    cargo clippy --locked --package lightsheaf-web --target wasm32-unknown-unknown -- -D warnings
+}
+
+# Runs one of the jobs below, and prints what it says when it has ended.
+run_job() {
+    local job=$1 began=$SECONDS log status=0
+    log=$(mktemp)
+    # Most tests compile many variants of shaders for pictures of few pixels each: for them software Vulkan leaves out LLVM's
+    # optimizations. With a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs
+    # 0.7, but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
+    [[ $job == raster_statistics ]] || export GALLIVM_PERF=nopt
+    case $job in
+        units) cargo test --locked --lib --bins ;;
+        second_driver) second_driver ;;
+        *) cargo test --locked --test="$job" ;;
+    esac >"$log" 2>&1 </dev/null || status=$?
+    printf '\n-- %s took %d s\n%s\n' "$job" $((SECONDS - began)) "$(<"$log")"
+    rm "$log"
+    # A failure ends neither the other jobs nor the list of what failed.
+    [[ $status -eq 0 ]] || { printf '%s\n' "$job" >>"$failed"; }
+}
+
 # Pictures, shader functions and poses on a second driver, without ray queries and with other rounding: SwiftShader, which comes
 # with Debian's browser. Tests of ray queries skip there.
 second_driver() {
@@ -33,10 +58,19 @@ second_driver() {
     REQUIRE_GPU=0 VK_DRIVER_FILES=$driver cargo test --locked --test raster --test animation -- analytic devices golden silhouettes twins pose
 }
 
-# The page can be done without where its target cannot be installed; tests that need it are skipped then.
-build_page() {
-    scripts/web.sh --build || { [[ $? -eq 3 ]]; return; }
-    cargo clippy --locked --package lightsheaf-web --target wasm32-unknown-unknown -- -D warnings
+# Two jobs at a time, the longest first: a process's tests share a device, which compiles shaders for one of them at a time, so that
+# most jobs keep one core busy. None fails where it is slow. That of the Python package is early, since cargo lets no other job start
+# while it compiles.
+all_tests() {
+    local long=(raster python paths raster_statistics reference second_driver layers shaders checkpoint viewer browser)
+    local others
+    mapfile -t others < <(cd tests && printf '%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vxF "${long[@]/#/-e}")
+    failed=$(mktemp)
+    export failed
+    export -f run_job second_driver
+    printf '%s\n' "${long[@]}" "${others[@]}" units | xargs -P 2 -I {} bash -c 'set -euo pipefail; run_job {}'
+    [[ ! -s $failed ]] || { printf '\nerror: failed: %s\n' "$(paste -sd ' ' "$failed")" >&2; return 1; }
+    rm "$failed"
 }
 
 step cargo fmt --all --check
@@ -44,29 +78,7 @@ step cargo clippy --locked --workspace --all-targets -- -D warnings
 step build_page
 # The tests are built first, so that the time of each step tells compiler and tests apart.
 step cargo test --locked --no-run
-# Most tests compile many variants of shaders for pictures of few pixels each: for them software Vulkan leaves out LLVM's
-# optimizations. With a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs 0.7,
-# but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
-# A process's tests share a device, which compiles shaders for one of them at a time, so that tests/paths alone keeps three quarters
-# of two cores busy, and tests/raster half: they run beside each other. None of these tests looks at a clock.
-beside=(animation blending guard raster shaders skip tessellation views visibility webgpu)
-mapfile -t others < <(cd tests && printf '%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vxF -e paths -e raster_statistics "${beside[@]/#/-e}")
-two_at_a_time() {
-    local log status=0
-    log=$(mktemp)
-    cargo test --locked "${beside[@]/#/--test=}" >"$log" 2>&1 &
-    cargo test --locked --test=paths || status=$?
-    wait $! || status=$?
-    cat "$log"
-    rm "$log"
-    return "$status"
-}
-export GALLIVM_PERF=nopt
-step cargo test --locked --lib --bins "${others[@]/#/--test=}"
-step two_at_a_time
-unset GALLIVM_PERF
-step cargo test --locked --test=raster_statistics
+step all_tests
 step cargo test --locked --doc
-step second_driver
 RUSTDOCFLAGS="-D warnings" step cargo doc --locked --no-deps
 printf '\nAll passed in %d s.\n' "$SECONDS"

@@ -3,7 +3,8 @@
 
 mod common;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 use std::path::Path;
 
 use common::browser::{Browser, Site};
@@ -120,13 +121,6 @@ fn follows_mirrors(pass: &str) -> bool {
     [EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS, "mis_sums", "draws"].contains(&pass)
 }
 
-/// Every run of the tests links the sets with at most three flags on, and those with at most two off. A
-/// condition names two flags at most, so that code under one condition that needs code under another depends
-/// on four: each of their combinations with up to three on occurs in the former sets, each with two or more
-/// on in the latter.
-const FEW_ON: u32 = 3;
-const FEW_OFF: u32 = 2;
-
 /// Passes with code for caustics where mirrors are not followed.
 const HAS_CAUSTICS: [&str; 2] = ["shared/camera/eye_vertices", "shared/film/accumulate"];
 
@@ -142,8 +136,8 @@ const WRITES_LISTS: [&str; 2] = ["shared/views/view_setup", "shared/views/view_l
 /// Passes that query views around light vertices, which may be infinite.
 const QUERIES_LIGHTS: [&str; 4] = [CONNECT, LIGHT_CANDIDATES, LIGHT_RESERVOIRS, "queries"];
 
-/// Returns all sensible subsets, or only those with few flags on or few off.
-fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
+/// Returns all sensible subsets.
+fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
     // These flags are reached by imports alone, so that no set with them is sensible. SPECULAR comes with
     // GLOSSY.
     let mirrors = follows_mirrors(pass);
@@ -163,12 +157,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
         .collect();
     let layers: Vec<_> = like_layers().filter(|layer| all_flags.contains(layer)).collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
-    let few = |bits: &u32| {
-        let on = bits.count_ones();
-        on <= FEW_ON || flags.len() as u32 - on <= FEW_OFF
-    };
     (0..1_u32 << flags.len())
-        .filter(|bits| every || few(bits))
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .map(|mut set| {
             set.extend(set.contains(&Flag::Glossy).then_some(Flag::Specular).filter(|_| mirrors));
@@ -187,11 +176,10 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             std::iter::once(set).chain(others)
         })
         .flat_map(|set| {
-            // Surfaces with layers are glossy. They have one of the layers, where other flags are few, or all.
+            // Surfaces with layers are glossy. They have one of the layers or all.
             let glossy = set.contains(&Flag::Glossy) && !layers.is_empty();
             let all = glossy.then(|| [&set, layers.as_slice()].concat());
-            let apart = glossy && layers.len() > 1 && (every || set.len() <= FEW_BESIDE_A_LAYER);
-            let single = if apart { layers.as_slice() } else { &[] };
+            let single = if glossy && layers.len() > 1 { layers.as_slice() } else { &[] };
             let one: Vec<_> = single.iter().map(|&layer| [&set, &[layer][..]].concat()).collect();
             // Mixes may be of diffuse materials alone.
             let diffuse = !set.contains(&Flag::Glossy) && all_flags.contains(&Flag::Mixes);
@@ -202,8 +190,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>, every: bool) -> Vec<Vec<Flag>> {
             // Rays test what the sky lights where it has a guide.
             let rays = set.contains(&Flag::Rays) || ["shared/light/light_point", "sky_draws"].contains(&pass);
             let from_sky = if pass == CONNECT { set.contains(&Flag::Light) } else { set.contains(&Flag::Environment) };
-            let few = every || set.len() <= FEW_BESIDE_A_LAYER;
-            let guided = HAS_GUIDE.contains(&pass) && rays && from_sky && few;
+            let guided = HAS_GUIDE.contains(&pass) && rays && from_sky;
             let guided = guided.then(|| [&set, &[Flag::SkyGuide][..]].concat());
             let mapped = guided.as_ref().filter(|_| SEES_A_GUIDED_SKY.contains(&pass));
             let mapped = mapped.map(|set| [set, &[Flag::EnvironmentMap][..]].concat());
@@ -226,8 +213,46 @@ fn like_layers() -> impl Iterator<Item = Flag> {
     ])
 }
 
-/// Most flags of a set that each layer is added to alone, unless all sets are tested.
-const FEW_BESIDE_A_LAYER: usize = 3;
+/// Calls a function with a number for the state of each `strength` flags of the first `flags` ones, after those of a prefix
+/// that has a number already. Each bit of a set is a flag of `all`.
+fn each_state(set: u64, all: usize, flags: usize, strength: u32, prefix: usize, call: &mut impl FnMut(usize)) {
+    for n in 0..flags {
+        let state = (prefix * all + n) << 1 | (set >> n & 1) as usize;
+        match strength {
+            1 => call(state),
+            _ => each_state(set, all, n, strength - 1, state, call),
+        }
+    }
+}
+
+/// Returns few of some sets that have each `strength` flags in all the states that the sets have them in (a covering
+/// array): the set that adds most states is taken until none adds any.
+fn covering(sets: &[Vec<Flag>], strength: u32) -> Vec<Vec<Flag>> {
+    let flags: Vec<Flag> = sets.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
+    // There are always as many flags as are chosen; those that are not there are off.
+    let count = flags.len().max(strength as usize);
+    let bits = |set: &Vec<Flag>| (0..flags.len()).filter(|&n| set.contains(&flags[n])).fold(0, |all, n| all | 1 << n);
+    let bits: Vec<u64> = sets.iter().map(bits).collect();
+    let mut covered = vec![false; (2 * count).pow(strength)];
+    // What a set adds becomes less with each that is taken: one that adds most by an old count is counted anew.
+    let mut queue: BinaryHeap<(usize, Reverse<usize>)> = (0..sets.len()).map(|n| (usize::MAX, Reverse(n))).collect();
+    let mut taken = Vec::new();
+    while let Some((before, Reverse(n))) = queue.pop() {
+        let mut adds = 0;
+        each_state(bits[n], count, count, strength, 0, &mut |state| adds += usize::from(!covered[state]));
+        if adds == before {
+            each_state(bits[n], count, count, strength, 0, &mut |state| covered[state] = true);
+            taken.push(sets[n].clone());
+        } else if adds > 0 {
+            queue.push((adds, Reverse(n)));
+        }
+    }
+    taken
+}
+
+/// Every run of the tests has each three flags in all their states: a condition names two flags at most, and code under it
+/// may need code under another. Few pairs of conditions name four.
+const STRENGTH: u32 = 3;
 
 /// Flags of algorithms that trace rays in place of ray queries; each set with rays occurs with each of them.
 const TRACERS: [Flag; 2] = [Flag::Grid, Flag::Bvh];
@@ -269,23 +294,46 @@ fn passes() -> Vec<&'static str> {
 }
 
 #[test]
-fn every_pass_links_and_validates_with_few_flags_on_or_off() {
-    link_and_validate(false);
+fn every_pass_links_and_validates_with_every_three_flags() {
+    link_and_validate(STRENGTH);
 }
 
 #[test]
-#[ignore = "the test above has all sets of few flags; all 12,000 take minutes"]
-fn every_pass_links_and_validates_with_every_set_of_flags() {
-    link_and_validate(true);
+#[ignore = "the test above has each three flags in all states; each four take minutes"]
+fn every_pass_links_and_validates_with_every_four_flags() {
+    link_and_validate(STRENGTH + 1);
+}
+
+#[test]
+fn few_sets_have_all_states_of_three_flags() {
+    let flags = &Flag::ALL[..9];
+    let set = |bits: usize| flags.iter().enumerate().filter(|(n, _)| bits >> n & 1 == 1).map(|(_, &f)| f).collect();
+    let all: Vec<Vec<Flag>> = (0..512).map(set).filter(|set: &Vec<Flag>| !set.ends_with(&flags[7..])).collect();
+    let few = covering(&all, 3);
+    assert!((8..=30).contains(&few.len()), "{} sets", few.len());
+    let states = |sets: &[Vec<Flag>]| {
+        let mut found = BTreeSet::new();
+        for set in sets {
+            for (a, &one) in flags.iter().enumerate() {
+                for (b, &two) in flags[..a].iter().enumerate() {
+                    found.extend(flags[..b].iter().map(|&f| [one, two, f].map(|f| (f, set.contains(&f)))));
+                }
+            }
+        }
+        found
+    };
+    assert_eq!(states(&few), states(&all));
+    assert_ne!(states(&few[1..]), states(&all), "a set that adds nothing was taken");
 }
 
 /// A pass and the flags that it is linked with.
 type Case = (&'static str, Vec<Flag>);
 
-/// Returns the sensible sets of passes, all or those with few flags on or few off.
-fn cases(passes: &[&'static str], every: bool) -> Vec<Case> {
-    let of_pass = |&pass: &&'static str| sets(pass, &flags_of(pass), every).into_iter().map(move |set| (pass, set));
-    let cases: Vec<_> = passes.iter().flat_map(of_pass).collect();
+/// Returns sensible sets of passes that have each `strength` flags in all states.
+fn cases(passes: &[&'static str], strength: u32) -> Vec<Case> {
+    let of_pass =
+        |&pass: &&'static str| covering(&sets(pass, &flags_of(pass)), strength).into_iter().map(move |set| (pass, set));
+    let cases: Vec<_> = passes.par_iter().flat_map_iter(of_pass).collect();
     assert!(cases.len() > 100, "only {} cases", cases.len());
     cases
 }
@@ -297,10 +345,10 @@ fn link_all(cases: &[Case]) -> Vec<String> {
     cases.par_iter().map(linked).collect()
 }
 
-fn link_and_validate(every: bool) {
+fn link_and_validate(strength: u32) {
     let passes = passes();
     assert!(passes.len() >= 30 && shaders::ALL.iter().all(|m| passes.contains(&m.name())), "{passes:?}");
-    let cases = cases(&passes, every);
+    let cases = cases(&passes, strength);
 
     // Sets that link to the same text are validated once.
     let linked = link_all(&cases);
@@ -371,7 +419,7 @@ fn shaders_compile_in_a_browser() {
 }
 
 #[test]
-#[ignore = "the test above has a share of the sets; all of few flags take minutes"]
+#[ignore = "the test above has a share of the sets; all take minutes"]
 fn every_shader_compiles_in_a_browser() {
     compile_in_a_browser(usize::MAX);
 }
@@ -379,7 +427,7 @@ fn every_shader_compiles_in_a_browser() {
 fn compile_in_a_browser(about: usize) {
     let Some(browser) = Browser::find() else { return };
     let passes: Vec<_> = passes().into_iter().filter(|pass| shaders::find(pass).is_none()).collect();
-    let cases: Vec<_> = cases(&passes, false).into_iter().filter(|(pass, set)| !queries_rays(pass, set)).collect();
+    let cases: Vec<_> = cases(&passes, STRENGTH).into_iter().filter(|(pass, set)| !queries_rays(pass, set)).collect();
     let step = cases.len().div_ceil(about) | 1;
     let kept = |at: usize| at.is_multiple_of(step) || cases[at - 1].0 != cases[at].0;
     let cases: Vec<_> = cases.iter().enumerate().filter(|(at, _)| kept(*at)).map(|(_, case)| case.clone()).collect();

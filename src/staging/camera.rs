@@ -69,6 +69,11 @@ const SEEN_OF_A_STAGE: f32 = 0.55;
 /// or more in open boxes, 0.03 or less in houses with openings, which are viewed from inside.
 const SHOWN_OF_A_STAGE: f32 = 0.1;
 
+/// Largest share of the surfaces that is seen from outside a house, or least share of the points at eye height that are in
+/// it: 0.07 or less and 0.3 or more in houses with openings, 0.2 or more and 0.12 or less in hollow objects.
+const SHOWN_OF_A_HOUSE: f32 = 0.12;
+const PLACES_OF_A_HOUSE: f32 = 0.2;
+
 /// Largest ratio of height to width of a horizontal scene.
 const LYING: f32 = 0.25;
 
@@ -152,7 +157,8 @@ pub fn choose(reference: &Reference, posed: &[Vec3], size: [u32; 2]) -> (Camera,
         }
         let closed = eyes(places, CLOSED);
         let eyes = if closed.is_empty() { eyes(places, PARTLY_CLOSED) } else { closed };
-        if let Some(camera) = inside(reference, &samples, &eyes, size) {
+        let is_house = of_surfaces < SHOWN_OF_A_HOUSE || share_of_places(places) >= PLACES_OF_A_HOUSE;
+        if is_house && let Some(camera) = inside(reference, &samples, &eyes, size) {
             return (camera, Subject::Room);
         }
     }
@@ -388,9 +394,14 @@ fn eyes(places: &[Place], closed: f32) -> Vec<Vec3> {
     places.iter().filter(|place| place.closed >= closed).map(|place| place.eye).collect()
 }
 
+/// Returns the fraction of all points at eye height that these are.
+fn share_of_places(places: &[Place]) -> f32 {
+    places.len() as f32 / (PLACES * PLACES * LEVELS) as f32
+}
+
 fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     let places = places(reference);
-    let enclosed = places.len() as f32 / (PLACES * PLACES * LEVELS) as f32;
+    let enclosed = share_of_places(&places);
     if enclosed < PLACES_OF_A_ROOM {
         return Enclosure::None;
     }

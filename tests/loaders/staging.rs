@@ -97,6 +97,22 @@ fn house() -> Scene {
     })
 }
 
+/// Returns a ball on a wide base, hollow, and open towards the upper front, as balls that show materials are.
+fn hollow_ball() -> Scene {
+    let opened = |mut mesh: Mesh| {
+        let towards = Vec3::new(0.6, 0.6, 0.53);
+        let positions = mesh.positions.clone();
+        mesh.triangles.retain(|t| t.iter().map(|&v| positions[v as usize].dot(towards)).sum::<f32>() < 3.0 * 0.8);
+        Mesh { normals: Vec::new(), ..mesh }
+    };
+    of(|scene| {
+        let ball = shapes::icosphere(4);
+        place(scene, opened(ball.clone()), Sides::OneCulled, Vec3::ONE, Vec3::ZERO);
+        place(scene, opened(inverted(ball)), Sides::OneCulled, Vec3::splat(0.95), Vec3::ZERO);
+        block(scene, Vec3::new(1.0, 0.15, 1.0), Vec3::Y * -1.15);
+    })
+}
+
 fn city() -> Scene {
     of(|scene| {
         for n in 0..400_u32 {
@@ -196,6 +212,7 @@ fn scenes() -> Vec<Expected> {
                 place(s, shapes::icosphere(0), Sides::OneCulled, Vec3::splat(0.01), Vec3::X * 500.0);
             }),
         ),
+        expect("hollow ball", Subject::Object, thing, "studio", hollow_ball()),
         expect("corridor", Subject::Room, full, "lamp", room(Vec3::new(1.0, 1.3, 12.0), false)),
         expect("room", Subject::Room, full, "lamp", room(Vec3::new(3.0, 1.4, 4.0), false)),
         expect("room with a window", Subject::Room, full, "sky", room(Vec3::new(3.0, 1.4, 4.0), true)),

@@ -462,6 +462,32 @@ fn the_sky_through_a_window() {
     assert!(with < 0.5 * without, "{with} is not much less than {without}");
 }
 
+/// A sun beside the sky of that room: its light subpaths, too, start where the view has found that light comes in, and have
+/// the density that MIS asks for.
+#[test]
+fn a_sun_through_a_window() {
+    let Some(gpu) = gpu() else { return };
+    for angle in [0.0, 0.05] {
+        let mut scene = room_with_a_window();
+        let direction = Vec3::new(0.3, -0.5, -0.8).normalize();
+        scene.lights = vec![Light::Sun { direction, irradiance: Vec3::splat(30.0), angle, of_sky: false }];
+        let (expected, _) = picture(&scene, Technique::REFERENCE, 16384, 3).unwrap();
+        let settings = Settings { width: 8, height: 8, bounces: 3, samples: 512, ..Settings::plain() };
+        let settings = Settings { technique: Technique::RASTER, ..settings };
+        let of = |seed| {
+            let mut renderer = SharedRenderer::new(gpu, &scene, &Settings { seed, ..settings.clone() }).unwrap();
+            assert!(renderer.plan().guides_sky);
+            renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
+            mean(&renderer.film().unwrap())[0] / mean(&expected)[0]
+        };
+        let means: Vec<f64> = (0..8).map(of).collect();
+        let middle = means.iter().sum::<f64>() / 8.0;
+        let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 7.0 / 8.0).sqrt();
+        println!("a sun of {angle}: guided over reference: {middle:.4} +- {deviation:.4}");
+        assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.02, "{means:?}");
+    }
+}
+
 /// A sun over a shaft that is much higher than wide: the first surface along its light is the lid, for lists and
 /// for rays.
 #[test]
