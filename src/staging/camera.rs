@@ -70,9 +70,9 @@ const SEEN_OF_A_STAGE: f32 = 0.55;
 const SHOWN_OF_A_STAGE: f32 = 0.1;
 
 /// Largest share of the surfaces that is seen from outside a house, or least share of the points at eye height that are in
-/// it: 0.07 or less and 0.3 or more in houses with openings, 0.2 or more and 0.12 or less in hollow objects.
+/// it: 0.07 or less and 0.3 or more in houses with openings, 0.17 or more and 0.2 or less in hollow objects.
 const SHOWN_OF_A_HOUSE: f32 = 0.12;
-const PLACES_OF_A_HOUSE: f32 = 0.2;
+const PLACES_OF_A_HOUSE: f32 = 0.25;
 
 /// Largest ratio of height to width of a horizontal scene.
 const LYING: f32 = 0.25;

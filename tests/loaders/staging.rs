@@ -97,19 +97,23 @@ fn house() -> Scene {
     })
 }
 
-/// Returns a ball on a wide base, hollow, and open towards the upper front, as balls that show materials are.
+/// Returns a ball on a wide base, of two hollow shells that are open towards the upper front, as balls that show materials
+/// are.
 fn hollow_ball() -> Scene {
     let opened = |mut mesh: Mesh| {
-        let towards = Vec3::new(0.6, 0.6, 0.53);
-        let positions = mesh.positions.clone();
-        mesh.triangles.retain(|t| t.iter().map(|&v| positions[v as usize].dot(towards)).sum::<f32>() < 3.0 * 0.8);
+        let open = Vec3::new(0.6, 0.6, 0.53);
+        let towards = |t: &[u32; 3]| t.iter().map(|&v| mesh.positions[v as usize].dot(open)).sum::<f32>() / 3.0;
+        mesh.triangles = mesh.triangles.iter().copied().filter(|t| towards(t) < 0.6).collect();
         Mesh { normals: Vec::new(), ..mesh }
     };
     of(|scene| {
         let ball = shapes::icosphere(4);
-        place(scene, opened(ball.clone()), Sides::OneCulled, Vec3::ONE, Vec3::ZERO);
-        place(scene, opened(inverted(ball)), Sides::OneCulled, Vec3::splat(0.95), Vec3::ZERO);
-        block(scene, Vec3::new(1.0, 0.15, 1.0), Vec3::Y * -1.15);
+        for (radius, shell) in
+            [(1.0, ball.clone()), (0.95, inverted(ball.clone())), (0.9, ball.clone()), (0.85, inverted(ball))]
+        {
+            place(scene, opened(shell), Sides::OneCulled, Vec3::splat(radius), Vec3::ZERO);
+        }
+        block(scene, Vec3::new(1.6, 0.08, 1.6), Vec3::Y * -1.08);
     })
 }
 

@@ -136,8 +136,8 @@ impl UnitTimes {
     };
 }
 
-/// Least pixels of a class that occupy a software device.
-const FILLS_SOFTWARE: u64 = 1 << 12;
+/// Least pixels of a class that occupy a software device: 24 workgroups.
+const FILLS_SOFTWARE: u64 = 24 * 64;
 
 /// Least pixels of a class that occupy a GPU. An H100 runs 270,000 threads, most others fewer than 100,000.
 const FILLS_GPU: u64 = 1 << 16;
@@ -300,7 +300,7 @@ mod tests {
         let fine = [1_000, 100_000, 1_000_000].map(|triangles| side(Work { triangles, ..BOX }));
         assert_eq!(fine, [3, 3, 1]);
         let small = [16, 64, 128, 192].map(|n| side(Work { pixels: n * n, ..BOX }));
-        assert_eq!(small, [1, 1, 2, 3]);
+        assert_eq!(small, [1, 1, 3, 3]);
         // A GPU needs more pixels, since each light subpath starts passes.
         let small = [128, 256, 512, 1024].map(|n| side(Work { pixels: n * n, software: false, ..BOX }));
         assert_eq!(small, [1, 1, 1, 2]);
