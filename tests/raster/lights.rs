@@ -480,11 +480,11 @@ fn a_sun_through_a_window() {
             renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
             mean(&renderer.film().unwrap())[0] / mean(&expected)[0]
         };
-        let means: Vec<f64> = (0..8).map(of).collect();
-        let middle = means.iter().sum::<f64>() / 8.0;
-        let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 7.0 / 8.0).sqrt();
+        let means: Vec<f64> = (0..16).map(of).collect();
+        let middle = means.iter().sum::<f64>() / 16.0;
+        let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 15.0 / 16.0).sqrt();
         println!("a sun of {angle}: guided over reference: {middle:.4} +- {deviation:.4}");
-        assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.02, "{means:?}");
+        assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.03, "{means:?}");
     }
 }
 
