@@ -216,7 +216,7 @@ fn scenes() -> Vec<Expected> {
                 place(s, shapes::icosphere(0), Sides::OneCulled, Vec3::splat(0.01), Vec3::X * 500.0);
             }),
         ),
-        expect("hollow ball", Subject::Object, thing, "studio", hollow_ball()),
+        expect("hollow ball", Subject::Object, [0.2, 0.95], "studio", hollow_ball()),
         expect("corridor", Subject::Room, full, "lamp", room(Vec3::new(1.0, 1.3, 12.0), false)),
         expect("room", Subject::Room, full, "lamp", room(Vec3::new(3.0, 1.4, 4.0), false)),
         expect("room with a window", Subject::Room, full, "sky", room(Vec3::new(3.0, 1.4, 4.0), true)),

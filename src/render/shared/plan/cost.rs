@@ -300,7 +300,9 @@ mod tests {
         let fine = [1_000, 100_000, 1_000_000].map(|triangles| side(Work { triangles, ..BOX }));
         assert_eq!(fine, [3, 3, 1]);
         let small = [16, 64, 128, 192].map(|n| side(Work { pixels: n * n, ..BOX }));
-        assert_eq!(small, [1, 1, 3, 3]);
+        assert_eq!(small, [1, 1, 2, 3]);
+        // Without views, light subpaths cost little in small pictures, too.
+        assert_eq!(side(Work { views: 0, texels: 0, glossy: true, pixels: 160 * 96, ..BOX }), 3);
         // A GPU needs more pixels, since each light subpath starts passes.
         let small = [128, 256, 512, 1024].map(|n| side(Work { pixels: n * n, software: false, ..BOX }));
         assert_eq!(small, [1, 1, 1, 2]);
