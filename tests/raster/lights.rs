@@ -420,6 +420,16 @@ fn lights_that_are_ignored_are_named() {
     }
 }
 
+/// Asserts that the mean of pictures of several seeds is that of another within the deviation that their own means have.
+fn assert_right_in_the_mean(name: &str, films: &[Film], expected: &Film) {
+    let means: Vec<f64> = films.iter().map(|film| mean(film)[0] / mean(expected)[0]).collect();
+    let count = means.len() as f64;
+    let middle = means.iter().sum::<f64>() / count;
+    let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / (count - 1.0) / count).sqrt();
+    println!("{name}: guided over reference: {middle:.4} +- {deviation:.4}");
+    assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.03, "{name}: {means:?}");
+}
+
 /// A room with a window, lit by the sky: light subpaths follow what the view has found of the window.
 #[test]
 fn the_sky_through_a_window() {
@@ -438,11 +448,7 @@ fn the_sky_through_a_window() {
     // Each seed is off by some 7 %, since all pixels share their light.
     let films: Vec<Film> =
         (0..8).map(|seed| of(Settings { seed, samples: 1024, ..small(settings(Technique::RASTER)) }, true)).collect();
-    let means: Vec<f64> = films.iter().map(|film| mean(film)[0] / mean(&expected)[0]).collect();
-    let middle = means.iter().sum::<f64>() / 8.0;
-    let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 7.0 / 8.0).sqrt();
-    println!("guided over reference: {middle:.4} +- {deviation:.4}");
-    assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.03, "{means:?}");
+    assert_right_in_the_mean("the sky", &films, &expected);
     if let Some(rays) = gpu_with_ray_queries() {
         let mut twin = SharedRenderer::new(rays, &scene, &small(settings(Technique::TWIN))).unwrap();
         twin.render(64, &mut |_| true).unwrap();
@@ -478,13 +484,10 @@ fn a_sun_through_a_window() {
             let mut renderer = SharedRenderer::new(gpu, &scene, &Settings { seed, ..settings.clone() }).unwrap();
             assert!(renderer.plan().guides_sky);
             renderer.render(u64::from(settings.samples), &mut |_| true).unwrap();
-            mean(&renderer.film().unwrap())[0] / mean(&expected)[0]
+            renderer.film().unwrap()
         };
-        let means: Vec<f64> = (0..16).map(of).collect();
-        let middle = means.iter().sum::<f64>() / 16.0;
-        let deviation = (means.iter().map(|m| (m - middle).powi(2)).sum::<f64>() / 15.0 / 16.0).sqrt();
-        println!("a sun of {angle}: guided over reference: {middle:.4} +- {deviation:.4}");
-        assert!((middle - 1.0).abs() < 3.0 * deviation && deviation < 0.03, "{means:?}");
+        let films: Vec<Film> = (0..16).map(of).collect();
+        assert_right_in_the_mean(&format!("a sun of {angle}"), &films, &expected);
     }
 }
 
