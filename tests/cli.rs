@@ -403,7 +403,7 @@ fn raster_renders_exr_png_and_stats() {
     assert_eq!(stats["scene"], "builtin:cornell_point");
     assert!(stats["device"].as_str().is_some_and(|d| !d.is_empty()));
     assert!(stats["redone"].is_u64() && stats["warnings"].is_array());
-    for phase in ["load", "setup", "render"] {
+    for phase in ["load", "setup", "compile", "render"] {
         assert!(stats["seconds"][phase].as_f64().is_some_and(|s| s >= 0.0), "{phase}");
     }
     assert!(stats["bytes"].as_u64() > Some(64 * 64 * 16) && stats["scene_bytes"].as_u64() > Some(0));

@@ -25,6 +25,32 @@ fn lines(arguments: &[&str]) -> Vec<Value> {
     stdout.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{line}: {e}"))).collect()
 }
 
+/// A software driver without its cache compiles every shader. Programs are told, and a budget does not pay for it.
+#[test]
+fn compiling_shaders_is_seen_and_takes_nothing_from_a_budget() {
+    if common::gpu().is_none_or(|gpu| !gpu.capabilities.adapter.contains("llvmpipe")) {
+        return;
+    }
+    let folder = Folder::new("compile");
+    let [out, json] = ["a.exr", "a.json"].map(|name| folder.path(name));
+    let base = ["render", "builtin:cornell_point", "--size", "32x32", "--budget", "0.5", "--json-progress"];
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lightsheaf"));
+    command.args(base).args(["-o", &out, "--stats", &json]).env("MESA_SHADER_CACHE_DISABLE", "true");
+    let Output { status, stdout, .. } = command.output().unwrap();
+    assert!(status.success());
+    let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let seconds = |phase: &str| stats["seconds"][phase].as_f64().unwrap();
+    let passes = stats["passes"].as_object().unwrap();
+    let passes_of_shaders: f64 = passes.values().map(|pass| pass["gpu_millis"].as_f64().unwrap()).sum();
+    assert!(seconds("compile") > 0.5 && seconds("render") < 0.5 + seconds("compile"), "{stats}");
+    assert!(passes_of_shaders < 1e3 * seconds("render"), "{passes:?}");
+    let stdout = String::from_utf8(stdout).unwrap();
+    let compiled = stdout.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let compiled = compiled.filter(|line| line["event"] == "compile").map(|line| line["shader"].to_string());
+    let compiled: Vec<String> = compiled.collect();
+    assert!(compiled.len() >= passes.len() && compiled.contains(&"\"extend\"".to_owned()), "{compiled:?}");
+}
+
 #[test]
 fn programs_read_the_progress() {
     let folder = Folder::new("json");

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output;
+use crate::gpu::Listener;
 
 /// Least time between two lines of JSON.
 const EVERY: Duration = Duration::from_millis(250);
@@ -108,6 +109,17 @@ impl Reporter {
         if self.written.is_none_or(|written| written.elapsed() >= EVERY) {
             self.write("progress", None);
         }
+    }
+
+    /// Returns what shows the shaders that a driver compiles.
+    pub fn on_compilation(&self) -> Listener {
+        let (bar, listed) = (self.bar.clone(), self.json.is_some());
+        Box::new(move |shader, before| {
+            bar.set_message(format!("compiling shaders, which this driver keeps: {shader} ({})", before + 1));
+            if listed {
+                let _ = output::print(&serde_json::json!({ "event": "compile", "shader": shader }).to_string());
+            }
+        })
     }
 
     /// Shows how many of several things are done, and the name of the next one.

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use super::pipelines::Pipelines;
-use super::{Ledger, NonFinite, Timings};
+use super::{Compilation, Ledger, NonFinite, Timings};
 
 /// Errors of opening a device, and of the device itself.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -106,6 +106,8 @@ pub struct Gpu {
     pub capabilities: Capabilities,
     /// Device time per pass.
     pub timings: Timings,
+    /// Time that the driver took to compile shaders when they first ran.
+    pub compilation: Compilation,
     /// Counts of all requests to the device.
     pub ledger: Ledger,
     /// Counts of values that are not finite, by pass.
@@ -237,6 +239,7 @@ impl Gpu {
             device,
             queue,
             timings,
+            compilation: Compilation::default(),
             ledger,
             non_finite: NonFinite::default(),
             pipelines: Pipelines::default(),

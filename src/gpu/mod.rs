@@ -5,6 +5,7 @@
 //! A function whose name ends in `_async` has a twin without this ending that waits for it. A browser has the former
 //! only, since no page may wait.
 
+mod compilation;
 mod device;
 mod flags;
 mod ledger;
@@ -15,6 +16,7 @@ mod readback;
 mod shaders;
 mod timing;
 
+pub use compilation::{Compilation, Listener};
 pub use device::{Capabilities, Gpu, GpuError};
 pub use flags::{Flag, flag_names};
 pub use ledger::{Allocated, Counts, Ledger, Recorded};

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+#[cfg(not(target_family = "wasm"))]
+use super::compilation::compile;
 use super::pipelines::{Built, Pipeline, Slots, request};
 use super::{Flag, Gpu, Source};
 
@@ -103,6 +105,10 @@ impl Compute {
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, threads: [u32; 2], bindings: Bindings) {
         let Built { pipeline, slots, written, workgroup } = self.pipeline.built();
         let groups = bind_groups(gpu, self.label, slots, |g| pipeline.get_bind_group_layout(g), bindings);
+        #[cfg(not(target_family = "wasm"))]
+        if gpu.capabilities.software && self.pipeline.is_first_run() {
+            compile(gpu, self.label, pipeline, &groups);
+        }
         let writes = gpu.timings.begin(self.label);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(self.label),

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
 use super::non_finite::Floats;
@@ -93,6 +94,7 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
             create: Box::new(create),
             functions: Functions::default(),
             built: OnceLock::new(),
+            has_run: AtomicBool::new(false),
         });
         if let Ok(mut pipelines) = cache.lock() {
             pipelines.insert(key, Arc::clone(&pipeline));
@@ -142,6 +144,7 @@ pub(super) struct Pipeline<P> {
     create: Box<Create<P>>,
     functions: Functions,
     built: OnceLock<Built<P>>,
+    has_run: AtomicBool,
 }
 
 /// A pipeline, and naga's reflection of its shader.
@@ -157,6 +160,12 @@ impl<P> Pipeline<P> {
     /// Returns the pipeline: builds it, unless a thread has begun to, which is waited for.
     pub(super) fn built(&self) -> &Built<P> {
         self.built.get_or_init(|| self.build())
+    }
+
+    /// True when it is asked for the first time.
+    #[cfg(not(target_family = "wasm"))]
+    pub(super) fn is_first_run(&self) -> bool {
+        !self.has_run.swap(true, Ordering::Relaxed)
     }
 
     #[expect(

@@ -9,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 
 use super::RenderArgs;
-use super::clock::Clock;
+use super::clock::Stopwatch;
 use super::frames::{Frame, numbered};
 use super::progressive::{Keeper, ProgressiveRender};
 use super::stats::{Ending, Seconds, Stats, device_name, two_digits};
@@ -84,11 +84,14 @@ impl Job<'_> {
     pub(super) fn run<'gpu>(&self, gpu: Option<&'gpu Gpu>, renderers: &mut Renderers<'gpu>) -> Result<Picture> {
         light_groups::check(self.scene, &self.args.layers.light_groups)?;
         let Some(gpu) = gpu else { return self.reference() };
+        let reporter = self.reporter();
+        gpu.compilation.tell(Some(reporter.on_compilation()));
+        let stopwatch = Stopwatch::from(self.began, Some(gpu));
         let renderer = self.posed(gpu, &mut renderers.picture, self.settings)?;
         if self.frame.is_some() && self.args.layers.renders_light() && renderer.is_denoised() {
             bail!("layers of light: filtered frames hold a part of those before; give --interleave 1");
         }
-        let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut())?;
+        let (film, stats, reporter) = self.progressive(Some(gpu), renderer.as_mut(), stopwatch, reporter)?;
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };
         if self.args.sample_range.is_some() || stats.ended_by == Ending::Interrupt {
@@ -229,15 +232,21 @@ impl Job<'_> {
 
     /// Renders until the number of samples, the target error or the end of the budget is reached, or until a
     /// signal.
-    fn progressive(&self, gpu: Option<&Gpu>, renderer: &mut dyn Renderer) -> Result<(Film, Stats<'_>, Reporter)> {
+    fn progressive(
+        &self,
+        gpu: Option<&Gpu>,
+        renderer: &mut dyn Renderer,
+        stopwatch: Stopwatch,
+        reporter: Reporter,
+    ) -> Result<(Film, Stats<'_>, Reporter)> {
         if let Some(range) = self.args.sample_range {
             renderer.begin_at(range.first - 1)?;
         }
-        let setup = self.began.elapsed().as_secs_f64();
+        let setup = stopwatch.elapsed().as_secs_f64();
         self.interrupt.begin();
         let keeper = Keeper::new(self, gpu);
         let saved = self.saved_before(&keeper)?;
-        let mut progress = ProgressiveRender::new(self, renderer, keeper, saved)?;
+        let mut progress = ProgressiveRender::new(self, renderer, (keeper, reporter), saved, gpu)?;
         let (film, ended_by) = loop {
             let ended = progress.render_to_checkpoint()?;
             let film = progress.renderer.film()?;
@@ -249,14 +258,7 @@ impl Job<'_> {
         progress.reporter.clear(progress.convergence.as_ref().and_then(Convergence::error));
         self.preview.borrow_mut().iter_mut().for_each(|preview| preview.show(&film));
         let render = progress.seconds();
-        if ended_by == Ending::Budget
-            && let Some(seconds) = progress.clock.as_ref().and_then(Clock::slow_start)
-        {
-            eprintln!(
-                "note: {seconds:.0} s of the budget went into the first sample; where a driver compiled shaders in it, which it \
-                 keeps, the same command gets further now"
-            );
-        }
+        let compile = stopwatch.compiling().as_secs_f64();
         progress.close(ended_by)?;
         let region = self.settings.region();
         let all = progress.samples * u64::from(region.width) * u64::from(region.height);
@@ -269,7 +271,7 @@ impl Job<'_> {
             ended_by,
             estimated_error: progress.target.and(progress.convergence.as_ref()).and_then(Convergence::error),
             taken: progress.target.map(|_| progress.taken as f64 / all.max(1) as f64),
-            seconds: Seconds { load: self.load, setup, render },
+            seconds: Seconds { load: self.load, setup, compile, render },
             bytes,
             scene_bytes: scene_bytes + tracer_bytes,
             non_finite,
@@ -293,8 +295,9 @@ impl Job<'_> {
 
     /// Renders by the reference and writes the picture.
     fn reference(&self) -> Result<Picture> {
+        let stopwatch = Stopwatch::from(self.began, None);
         let mut renderer = ReferenceRenderer::new(self.scene, self.settings);
-        let (film, stats, reporter) = self.progressive(None, &mut renderer)?;
+        let (film, stats, reporter) = self.progressive(None, &mut renderer, stopwatch, self.reporter())?;
         let stats = Stats { rays: renderer.rounds.rays, ..stats };
         let end = renderer.samples();
         let samples = end - stats.samples..end;
@@ -405,14 +408,15 @@ impl Job<'_> {
             output::write(&self.named(path), &(serde_json::to_string_pretty(&stats)? + "\n"))?;
         }
         if !self.args.quiet {
-            let Seconds { load, setup, render } = stats.seconds;
+            let Seconds { load, setup, compile, render } = stats.seconds;
+            let compiling = if compile < 0.1 { String::new() } else { format!("compiling shaders {compile:.2} s, ") };
             let shown = match exposure {
                 _ if !self.args.writes_png() => String::new(),
                 Exposure::Auto => format!("; exposure {:+.2} stops (auto), {tonemap}", grade.stops),
                 Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {tonemap}"),
             };
             eprintln!(
-                "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, render {render:.2} s",
+                "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, {compiling}render {render:.2} s",
                 if paths.is_empty() { self.args.shown_name() } else { shown_paths(&paths) },
                 film.width,
                 film.height,

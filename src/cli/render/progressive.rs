@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 
-use super::clock::Clock;
+use super::clock::{Clock, Stopwatch};
 use super::job::{Job, save};
 use super::stats::{Ending, device_name};
 use crate::cli::checkpoint::{self, Identity, Saved};
@@ -23,8 +23,8 @@ pub(super) struct ProgressiveRender<'a> {
     job: &'a Job<'a>,
     pub(super) renderer: &'a mut dyn Renderer,
     pub(super) reporter: Reporter,
-    /// Start of the first sample.
-    began: Instant,
+    /// Since the start of the first sample.
+    stopwatch: Stopwatch<'a>,
     pub(super) clock: Option<Clock>,
     /// Number of samples at which the render ends at the latest.
     end: u64,
@@ -42,8 +42,8 @@ pub(super) struct ProgressiveRender<'a> {
     error_scale: Option<f32>,
     /// True if converged tiles take no more samples.
     adaptive: bool,
-    /// Seconds of rendering before this process.
-    seconds_before: f64,
+    /// Time of rendering before this process.
+    before: Duration,
     keeper: Keeper,
 }
 
@@ -52,19 +52,19 @@ impl<'a> ProgressiveRender<'a> {
     pub(super) fn new(
         job: &'a Job<'a>,
         renderer: &'a mut dyn Renderer,
-        keeper: Keeper,
+        (keeper, reporter): (Keeper, Reporter),
         saved: Option<Saved>,
+        gpu: Option<&'a Gpu>,
     ) -> Result<Self, RenderError> {
         let Settings { samples, target_error, budget, .. } = *job.settings;
         let Crop { width, height, .. } = job.settings.region();
         let limited = target_error.is_some() || budget.is_some();
-        let reporter = job.reporter();
         let estimates = target_error.is_some() || reporter.is_shown();
         let mut this = Self {
-            began: Instant::now(),
+            stopwatch: Stopwatch::start(gpu),
             reporter,
             adaptive: renderer.is_adaptive() && job.args.strategy_images.is_none(),
-            clock: budget.map(|seconds| Clock::new(seconds, saved.as_ref().map_or(0.0, |saved| saved.seconds))),
+            clock: budget.map(Clock::new),
             end: u64::from(if limited { *SAMPLES.end() } else { samples }),
             target: target_error,
             convergence: estimates.then(|| Convergence::new(width, height)),
@@ -72,14 +72,15 @@ impl<'a> ProgressiveRender<'a> {
             samples: 0,
             taken: 0,
             error_scale: None,
-            seconds_before: 0.0,
+            before: Duration::ZERO,
             keeper,
             job,
             renderer,
         };
         if let Some(saved) = saved {
             this.renderer.restore(&saved.state)?;
-            (this.samples, this.taken, this.seconds_before) = (saved.samples, saved.taken, saved.seconds);
+            (this.samples, this.taken) = (saved.samples, saved.taken);
+            this.before = Duration::from_secs_f64(saved.seconds.max(0.0));
             this.error_scale = saved.error_scale;
             if let Some(saved) = saved.convergence {
                 this.convergence = Some(saved);
@@ -88,9 +89,14 @@ impl<'a> ProgressiveRender<'a> {
         Ok(this)
     }
 
+    /// Returns the time of rendering.
+    fn used(&self) -> Duration {
+        self.before + self.stopwatch.elapsed()
+    }
+
     /// Returns the seconds of rendering.
     pub(super) fn seconds(&self) -> f64 {
-        self.seconds_before + self.began.elapsed().as_secs_f64()
+        self.used().as_secs_f64()
     }
 
     /// Saves the render, and writes the picture and the checkpoint if these are asked for.
@@ -131,8 +137,9 @@ impl<'a> ProgressiveRender<'a> {
         let pixels = convergence.map_or(0, |convergence| convergence.tiles().active_pixels());
         while self.samples < goal {
             let most = goal - self.samples;
+            let used = self.used();
             let round = match &mut self.clock {
-                Some(clock) => clock.next_round(self.samples, most),
+                Some(clock) => clock.next_round(self.samples, most, used),
                 None => Some(most),
             };
             let Some(round) = round else { return Ok(Some(Ending::Budget)) };
@@ -144,8 +151,8 @@ impl<'a> ProgressiveRender<'a> {
                 reporter,
                 keeper,
                 job,
-                began,
-                seconds_before,
+                stopwatch,
+                before: time_before,
                 target,
                 convergence,
                 clock,
@@ -155,8 +162,9 @@ impl<'a> ProgressiveRender<'a> {
             let ends = Ends { target: *target, convergence: convergence.as_ref(), clock: clock.as_ref(), end: *end };
             renderer.render(round, &mut |all| {
                 *samples = all - *first;
-                reporter.show(ends.progress(*samples, *seconds_before + began.elapsed().as_secs_f64()));
-                let used_up = ends.clock.is_some_and(Clock::is_used_up);
+                let used = *time_before + stopwatch.elapsed();
+                reporter.show(ends.progress(*samples, used));
+                let used_up = ends.clock.is_some_and(|clock| clock.left(used).is_zero());
                 !used_up && !keeper.is_due() && !job.preview_is_due() && !job.interrupt.requested()
             })?;
             self.taken += (self.samples - before) * pixels;
@@ -205,7 +213,8 @@ struct Ends<'a> {
 
 impl Ends<'_> {
     /// Returns the progress of a picture.
-    fn progress(&self, samples: u64, seconds: f64) -> Progress {
+    fn progress(&self, samples: u64, used: Duration) -> Progress {
+        let seconds = used.as_secs_f64();
         let estimated_error = self.convergence.and_then(Convergence::error);
         let by_samples = self.target.is_none() && self.clock.is_none();
         let for_samples = |all: f64| seconds * (all - samples as f64) / samples.max(1) as f64;
@@ -214,7 +223,7 @@ impl Ends<'_> {
         let left = [
             by_samples.then(|| for_samples(self.end as f64)),
             at_target.map(|all| for_samples(all).max(0.0)),
-            self.clock.map(|clock| clock.left().as_secs_f64()),
+            self.clock.map(|clock| clock.left(used).as_secs_f64()),
         ];
         Progress {
             samples,

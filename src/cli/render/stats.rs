@@ -68,9 +68,11 @@ pub(super) struct Stats<'a> {
 #[derive(Clone, Copy, Default, serde::Serialize)]
 pub(super) struct Seconds {
     pub(super) load: f64,
-    /// Time for opening the device, uploading the scene and compiling pipelines; of the reference, for
+    /// Time for opening the device, uploading the scene and building pipelines; of the reference, for
     /// building the BVH.
     pub(super) setup: f64,
+    /// Time in which a software driver compiled shaders, when they first ran. It is in neither of the others.
+    pub(super) compile: f64,
     pub(super) render: f64,
 }
 
