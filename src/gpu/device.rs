@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use super::pipelines::Pipelines;
-use super::{Compilation, Ledger, NonFinite, Timings};
+use super::{Compilation, Flag, Ledger, NonFinite, Timings};
 
 /// Errors of opening a device, and of the device itself.
 #[derive(Clone, Debug, thiserror::Error)]
@@ -94,6 +94,16 @@ pub struct Capabilities {
     pub max_texture_side: u32,
     /// Most layers of a texture array.
     pub max_texture_layers: u32,
+}
+
+impl Capabilities {
+    /// Returns the flags of every shader.
+    #[must_use]
+    pub fn flags(&self) -> &'static [Flag] {
+        // Mesa's copies a load from a buffer for each of eight threads, with branches, and its compiler's time grows with the
+        // square of their number. A texel is one call.
+        if self.software { &[Flag::TexelTables] } else { &[] }
+    }
 }
 
 /// A device with its queue.

@@ -82,6 +82,7 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
     (label, source, flags): (&'static str, &Source<'static>, &[Flag]),
     create: impl Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync + 'static,
 ) -> Arc<Pipeline<P>> {
+    let flags = &[flags, gpu.capabilities.flags()].concat();
     let sorted: BTreeSet<_> = flags.iter().collect();
     let key = format!("{label} {} {sorted:?}", source.name());
     let found = cache.lock().ok().and_then(|pipelines| pipelines.get(&key).cloned());

@@ -167,7 +167,7 @@ impl GpuScene {
         let mut all = vec![
             ("positions", self.positions.as_entire_binding()),
             ("attributes", self.attributes.as_entire_binding()),
-            ("tables", self.tables.buffer.as_entire_binding()),
+            ("tables", self.tables.binding()),
             ("table_rows", self.tables.rows.as_entire_binding()),
             ("lighting", self.lighting.as_entire_binding()),
         ];
@@ -207,6 +207,7 @@ impl GpuScene {
         for (table, records) in tables_of(lights) {
             self.tables.write(gpu, table, records);
         }
+        self.tables.copy(gpu);
     }
 
     /// Builds the data structure that rays are traced through, for the scene in its pose.

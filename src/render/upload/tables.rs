@@ -5,11 +5,15 @@ use std::ops::Range;
 
 use bytemuck::NoUninit;
 
-use crate::gpu::Gpu;
+use crate::gpu::{Flag, Gpu};
 use crate::render::layouts::TableRows;
+use crate::render::upload::textures::texture;
 
 /// Bytes of a row.
 const ROW: usize = 16;
+
+/// Texels of a row of the texture (shaders/lib/scene/scene.wesl).
+const TEXELS: u32 = 1 << 11;
 
 /// Rows of zeros behind the tables, at which those that the scene lacks begin: longer than any record.
 const ZERO_ROWS: usize = 16;
@@ -59,6 +63,8 @@ impl TableData {
 /// Tables on the device.
 pub(super) struct Tables {
     pub(super) buffer: wgpu::Buffer,
+    /// The same as a texture, for shaders with [`Flag::TexelTables`].
+    texels: Option<(wgpu::Texture, wgpu::TextureView)>,
     pub(super) rows: wgpu::Buffer,
     ranges: Vec<(Table, Range<usize>)>,
 }
@@ -86,7 +92,38 @@ impl Tables {
         };
         let uniform = gpu.uniform::<TableRows>("table_rows");
         gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&rows));
-        Self { buffer: gpu.upload("tables", &bytes), rows: uniform, ranges }
+        let texels = gpu.capabilities.flags().contains(&Flag::TexelTables).then(|| {
+            bytes.resize(bytes.len().next_multiple_of(ROW * TEXELS as usize), 0);
+            let height = (bytes.len() / ROW) as u32 / TEXELS;
+            let texture = texture(gpu, "tables", wgpu::TextureFormat::Rgba32Uint, [TEXELS, height, 1]);
+            let view = texture.create_view(&Default::default());
+            (texture, view)
+        });
+        let this = Self { buffer: gpu.upload("tables", &bytes), texels, rows: uniform, ranges };
+        this.copy(gpu);
+        this
+    }
+
+    /// Returns what shaders read.
+    pub(super) fn binding(&self) -> wgpu::BindingResource<'_> {
+        match &self.texels {
+            Some((_, view)) => wgpu::BindingResource::TextureView(view),
+            None => self.buffer.as_entire_binding(),
+        }
+    }
+
+    /// Copies the buffer to the texture, if there is one.
+    pub(super) fn copy(&self, gpu: &Gpu) {
+        let Some((texture, _)) = &self.texels else { return };
+        let layout =
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(ROW as u32 * TEXELS), rows_per_image: None };
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo { buffer: &self.buffer, layout },
+            texture.as_image_copy(),
+            texture.size(),
+        );
+        gpu.queue.submit([encoder.finish()]);
     }
 
     /// Returns the bytes of a table; 0 if there is none.
