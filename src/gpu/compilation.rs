@@ -34,9 +34,9 @@ impl Compilation {
         }
     }
 
-    /// Begins with a shader.
+    /// Tells that a shader is compiled.
     #[cfg(not(target_family = "wasm"))]
-    fn begin(&self, label: &'static str) {
+    pub(super) fn begin(&self, label: &'static str) {
         if let Ok(mut state) = self.0.lock() {
             let State { shaders, listener, .. } = &mut *state;
             if let Some(listener) = listener {
@@ -46,32 +46,12 @@ impl Compilation {
         }
     }
 
+    /// Adds time in which shaders were compiled.
     #[cfg(not(target_family = "wasm"))]
-    fn end(&self, label: &str, time: Duration) {
+    pub(super) fn end(&self, label: &str, time: Duration) {
         log::debug!("{label} compiled in {:.3} s", time.as_secs_f64());
         if let Ok(mut state) = self.0.lock() {
             state.time += time;
         }
     }
-}
-
-/// Has the driver compile a pipeline, with the bind groups of its first run.
-#[cfg(not(target_family = "wasm"))]
-pub(super) fn compile(gpu: &super::Gpu, label: &'static str, pipeline: &wgpu::ComputePipeline, groups: &[wgpu::BindGroup]) {
-    // Errors are those of `Gpu::check`.
-    let wait = || gpu.device.poll(wgpu::PollType::wait_indefinitely()).is_ok();
-    gpu.compilation.begin(label);
-    wait();
-    let began = web_time::Instant::now();
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    let mut pass = encoder.begin_compute_pass(&Default::default());
-    pass.set_pipeline(pipeline);
-    for (group, bound) in (0..).zip(groups) {
-        pass.set_bind_group(group, bound, &[]);
-    }
-    pass.dispatch_workgroups(0, 0, 0);
-    drop(pass);
-    gpu.queue.submit([encoder.finish()]);
-    wait();
-    gpu.compilation.end(label, began.elapsed());
 }

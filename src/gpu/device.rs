@@ -2,6 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
+#[cfg(not(target_family = "wasm"))]
+use super::compilers::Compilers;
 use super::pipelines::Pipelines;
 use super::{Compilation, Flag, Ledger, NonFinite, Timings};
 
@@ -84,6 +86,8 @@ pub struct Capabilities {
     pub adapter: String,
     /// True if the driver runs on the CPU.
     pub software: bool,
+    /// True if the driver compiles a shader when it first runs, and keeps it on disk, as Mesa's software driver does.
+    pub compiles_late: bool,
     /// True if passes can be timed.
     pub timestamps: bool,
     /// True if the device was opened with ray queries.
@@ -123,6 +127,8 @@ pub struct Gpu {
     /// Counts of values that are not finite, by pass.
     pub non_finite: NonFinite,
     pub(super) pipelines: Pipelines,
+    #[cfg(not(target_family = "wasm"))]
+    pub(super) compilers: Option<Compilers>,
     first_error: Arc<Mutex<Option<GpuError>>>,
 }
 
@@ -233,6 +239,7 @@ impl Gpu {
                 first.get_or_insert_with(|| GpuError::Device(error.to_string()));
             }
         }));
+        let compiles_late = info.driver == "llvmpipe";
         let timestamps = features.contains(wgpu::Features::TIMESTAMP_QUERY);
         let ledger = Ledger::default();
         let timings = Timings::new(&device, &queue, timestamps);
@@ -240,6 +247,7 @@ impl Gpu {
             capabilities: Capabilities {
                 adapter: name,
                 software: info.device_type == wgpu::DeviceType::Cpu,
+                compiles_late,
                 timestamps,
                 ray_queries,
                 max_storage_bytes: limits.max_storage_buffer_binding_size.min(limits.max_buffer_size),
@@ -253,6 +261,8 @@ impl Gpu {
             ledger,
             non_finite: NonFinite::default(),
             pipelines: Pipelines::default(),
+            #[cfg(not(target_family = "wasm"))]
+            compilers: compiles_late.then(|| Compilers::new(adapter, descriptor)),
             first_error,
         })
     }

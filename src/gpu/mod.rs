@@ -6,6 +6,8 @@
 //! only, since no page may wait.
 
 mod compilation;
+#[cfg(not(target_family = "wasm"))]
+mod compilers;
 mod device;
 mod flags;
 mod ledger;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 #[cfg(not(target_family = "wasm"))]
-use super::compilation::compile;
+use super::compilers::run_nothing;
 use super::pipelines::{Built, Pipeline, Slots, request};
 use super::{Flag, Gpu, Source};
 
@@ -103,11 +103,15 @@ impl Compute {
     /// Records one dispatch of at least `threads`, rounded up to whole workgroups. Shaders check their
     /// bounds.
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, threads: [u32; 2], bindings: Bindings) {
-        let Built { pipeline, slots, written, workgroup } = self.pipeline.built();
+        let Built { pipeline, slots, written, workgroup, .. } = self.pipeline.built();
         let groups = bind_groups(gpu, self.label, slots, |g| pipeline.get_bind_group_layout(g), bindings);
         #[cfg(not(target_family = "wasm"))]
-        if gpu.capabilities.software && self.pipeline.is_first_run() {
-            compile(gpu, self.label, pipeline, &groups);
+        if gpu.capabilities.compiles_late && self.pipeline.is_first_run() {
+            gpu.compilation.begin(self.label);
+            let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
+            let began = web_time::Instant::now();
+            run_nothing(&gpu.device, &gpu.queue, pipeline, &groups);
+            gpu.compilation.end(self.label, began.elapsed());
         }
         let writes = gpu.timings.begin(self.label);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {

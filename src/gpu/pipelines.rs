@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
+#[cfg(not(target_family = "wasm"))]
+use super::compilers::Uncompiled;
 use super::non_finite::Floats;
 use super::shaders::{self, Source};
 use super::{Flag, Gpu, flag_names};
@@ -22,7 +24,7 @@ pub(super) type Functions = Arc<OnceLock<BTreeSet<String>>>;
 type Cache<P> = Mutex<HashMap<String, Arc<Pipeline<P>>>>;
 
 /// Creates a pipeline from a compiled shader.
-type Create<P> = dyn Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync;
+pub(super) type Create<P> = dyn Fn(&wgpu::Device, &wgpu::ShaderModule) -> P + Send + Sync;
 
 /// The pipelines that were asked for.
 #[derive(Default)]
@@ -55,6 +57,12 @@ impl Gpu {
         let Pipelines { compute, raster, .. } = &self.pipelines;
         finish(compute);
         finish(raster);
+        #[cfg(not(target_family = "wasm"))]
+        if let Some(compilers) = &self.compilers {
+            let pipelines: Vec<_> = compute.lock().map(|all| all.values().cloned().collect()).unwrap_or_default();
+            compilers
+                .compile(pipelines.iter().filter_map(|pipeline| pipeline.uncompiled()).collect(), &self.compilation);
+        }
     }
 }
 
@@ -89,6 +97,7 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
     let pipeline = found.unwrap_or_else(|| {
         let pipeline = Arc::new(Pipeline {
             device: gpu.device.clone(),
+            label,
             source: *source,
             flags: flags.to_vec(),
             dump: dump_file(gpu, label),
@@ -96,6 +105,7 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
             functions: Functions::default(),
             built: OnceLock::new(),
             has_run: AtomicBool::new(false),
+            compiles_late: gpu.capabilities.compiles_late,
         });
         if let Ok(mut pipelines) = cache.lock() {
             pipelines.insert(key, Arc::clone(&pipeline));
@@ -139,6 +149,7 @@ fn dump_file(gpu: &Gpu, label: &str) -> Option<File> {
 /// A pipeline that is being built, or is built when it is first used.
 pub(super) struct Pipeline<P> {
     device: wgpu::Device,
+    label: &'static str,
     source: Source<'static>,
     flags: Vec<Flag>,
     dump: Option<File>,
@@ -146,15 +157,28 @@ pub(super) struct Pipeline<P> {
     functions: Functions,
     built: OnceLock<Built<P>>,
     has_run: AtomicBool,
+    compiles_late: bool,
 }
 
 /// A pipeline, and naga's reflection of its shader.
 pub(super) struct Built<P> {
     pub(super) pipeline: P,
+    /// Parsed, until it is compiled by a driver that does so when it first runs.
+    #[cfg(not(target_family = "wasm"))]
+    shader: Mutex<Option<naga::Module>>,
     pub(super) slots: Slots,
     /// The storage variables that the shader may write and that hold floats.
     pub(super) written: BTreeMap<String, Floats>,
     pub(super) workgroup: [u32; 3],
+}
+
+#[cfg(not(target_family = "wasm"))]
+impl Pipeline<wgpu::ComputePipeline> {
+    /// Returns what the driver has to compile, unless the pipeline has run, or this was asked for before.
+    fn uncompiled(&self) -> Option<Uncompiled<'_>> {
+        let shader = self.built().shader.lock().ok()?.take()?;
+        (!self.has_run.load(Ordering::Relaxed)).then(|| Uncompiled { label: self.label, shader, create: &self.create })
+    }
 }
 
 impl<P> Pipeline<P> {
@@ -199,10 +223,19 @@ impl<P> Pipeline<P> {
             .filter_map(|(_, v)| Some((v.name.clone()?, Floats::of(&parsed, v.ty)?)))
             .collect();
         let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
+        #[cfg(not(target_family = "wasm"))]
+        let shader = Mutex::new(self.compiles_late.then(|| parsed.clone()));
         let module = self
             .device
             .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source: source_of(wgsl, parsed) });
-        Built { pipeline: (self.create)(&self.device, &module), slots, written, workgroup }
+        Built {
+            pipeline: (self.create)(&self.device, &module),
+            #[cfg(not(target_family = "wasm"))]
+            shader,
+            slots,
+            written,
+            workgroup,
+        }
     }
 }
 

@@ -175,6 +175,10 @@ impl<'gpu> SharedRenderer<'gpu> {
             scene_stats: stats,
             warnings: warnings(scene, settings),
         };
+        if gpu.capabilities.compiles_late {
+            // One pass after the other would wait for its own shader.
+            gpu.finish_pipelines();
+        }
         this.learn_view().await?;
         gpu.finish_pipelines();
         gpu.check()?;
