@@ -12,6 +12,7 @@ fn capabilities() -> Capabilities {
     Capabilities {
         adapter: "none".to_owned(),
         software: true,
+        compiles_late: false,
         ray_queries: false,
         timestamps: false,
         max_storage_bytes: 128 << 20,

@@ -1,23 +1,24 @@
-//! Shaders that a driver compiles when they first run.
+//! Time that a driver takes to compile shaders when they first run.
 //!
-//! Software drivers do so, and one shader can take seconds. There a pipeline's first run is one without workgroups, for
-//! which the program waits, so that this time is known and part of neither a pass nor a budget. Other drivers compile
-//! when a pipeline is built.
+//! Mesa's software driver does so, and one shader can take seconds. There a pipeline's first run is one without
+//! workgroups, for which the program waits, so that this time is known and part of neither a pass nor a budget. Other
+//! drivers compile when a pipeline is built.
 
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Told about a shader before it is compiled: the label of its pass, and how many have been compiled before.
-pub type Listener = Box<dyn FnMut(&'static str, u64) + Send>;
+/// Told about a pass before its first shader is compiled: its label, and how many passes there were before it.
+pub type Listener = Box<dyn FnMut(&'static str, usize) + Send>;
 
-/// Time that a driver took to compile shaders when they first ran.
+/// Time that a driver took to compile shaders, and who is told.
 #[derive(Default)]
 pub struct Compilation(Mutex<State>);
 
 #[derive(Default)]
 struct State {
     time: Duration,
-    shaders: u64,
+    told: BTreeSet<&'static str>,
     listener: Option<Listener>,
 }
 
@@ -28,28 +29,29 @@ impl Compilation {
     }
 
     /// Sets who is told, in place of whom was told before.
-    pub fn tell(&self, listener: Option<Listener>) {
+    pub fn tell(&self, listener: Listener) {
         if let Ok(mut state) = self.0.lock() {
-            state.listener = listener;
+            state.listener = Some(listener);
         }
     }
 
-    /// Tells that a shader is compiled.
+    /// Tells that a pass's shader is compiled.
     #[cfg(not(target_family = "wasm"))]
     pub(super) fn begin(&self, label: &'static str) {
-        if let Ok(mut state) = self.0.lock() {
-            let State { shaders, listener, .. } = &mut *state;
-            if let Some(listener) = listener {
-                listener(label, *shaders);
-            }
-            *shaders += 1;
+        let Ok(mut state) = self.0.lock() else { return };
+        let State { told, listener, .. } = &mut *state;
+        let before = told.len();
+        if let Some(listener) = listener
+            && told.insert(label)
+        {
+            listener(label, before);
         }
     }
 
-    /// Adds time in which shaders were compiled.
+    /// Adds time in which the program waited for shaders.
     #[cfg(not(target_family = "wasm"))]
-    pub(super) fn end(&self, label: &str, time: Duration) {
-        log::debug!("{label} compiled in {:.3} s", time.as_secs_f64());
+    pub(super) fn end(&self, what: &str, time: Duration) {
+        log::debug!("{what} compiled in {:.3} s", time.as_secs_f64());
         if let Ok(mut state) = self.0.lock() {
             state.time += time;
         }

@@ -25,6 +25,14 @@ pub(super) struct Uncompiled<'a> {
 }
 
 impl Uncompiled<'_> {
+    /// True if there are resources of least size for all that it declares.
+    fn has_resources(&self) -> bool {
+        let is_structure = |variable: &naga::GlobalVariable| {
+            matches!(self.shader.types[variable.ty].inner, TypeInner::AccelerationStructure { .. })
+        };
+        !self.shader.global_variables.iter().any(|(_, variable)| is_structure(variable))
+    }
+
     /// Returns a measure of the time that it takes to compile.
     fn size(&self) -> usize {
         self.shader.functions.iter().map(|(_, function)| function.expressions.len()).sum()
@@ -46,6 +54,7 @@ impl Compilers {
     /// Compiles shaders on all threads, unless the driver has the largest of them. Whatever fails is left to the renderer's
     /// device.
     pub(super) fn compile(&self, mut shaders: Vec<Uncompiled>, compilation: &Compilation) {
+        shaders.retain(Uncompiled::has_resources);
         shaders.sort_by_key(|shader| std::cmp::Reverse(shader.size()));
         let Some((largest, others)) = shaders.split_first() else { return };
         let threads = thread::available_parallelism().map_or(1, std::num::NonZero::get);

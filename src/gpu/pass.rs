@@ -106,7 +106,7 @@ impl Compute {
         let Built { pipeline, slots, written, workgroup, .. } = self.pipeline.built();
         let groups = bind_groups(gpu, self.label, slots, |g| pipeline.get_bind_group_layout(g), bindings);
         #[cfg(not(target_family = "wasm"))]
-        if gpu.capabilities.compiles_late && self.pipeline.is_first_run() {
+        if self.pipeline.is_first_run() {
             gpu.compilation.begin(self.label);
             let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
             let began = web_time::Instant::now();

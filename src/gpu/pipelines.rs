@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+#[cfg(not(target_family = "wasm"))]
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, RwLock};
 
@@ -97,15 +98,14 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
     let pipeline = found.unwrap_or_else(|| {
         let pipeline = Arc::new(Pipeline {
             device: gpu.device.clone(),
-            label,
             source: *source,
             flags: flags.to_vec(),
             dump: dump_file(gpu, label),
             create: Box::new(create),
             functions: Functions::default(),
             built: OnceLock::new(),
-            has_run: AtomicBool::new(false),
-            compiles_late: gpu.capabilities.compiles_late,
+            #[cfg(not(target_family = "wasm"))]
+            late: gpu.capabilities.compiles_late.then(|| Late { label, has_run: AtomicBool::new(false) }),
         });
         if let Ok(mut pipelines) = cache.lock() {
             pipelines.insert(key, Arc::clone(&pipeline));
@@ -149,15 +149,21 @@ fn dump_file(gpu: &Gpu, label: &str) -> Option<File> {
 /// A pipeline that is being built, or is built when it is first used.
 pub(super) struct Pipeline<P> {
     device: wgpu::Device,
-    label: &'static str,
     source: Source<'static>,
     flags: Vec<Flag>,
     dump: Option<File>,
     create: Box<Create<P>>,
     functions: Functions,
     built: OnceLock<Built<P>>,
+    #[cfg(not(target_family = "wasm"))]
+    late: Option<Late>,
+}
+
+/// State of a pipeline that the driver compiles when it first runs.
+#[cfg(not(target_family = "wasm"))]
+struct Late {
+    label: &'static str,
     has_run: AtomicBool,
-    compiles_late: bool,
 }
 
 /// A pipeline, and naga's reflection of its shader.
@@ -176,8 +182,8 @@ pub(super) struct Built<P> {
 impl Pipeline<wgpu::ComputePipeline> {
     /// Returns what the driver has to compile, unless the pipeline has run, or this was asked for before.
     fn uncompiled(&self) -> Option<Uncompiled<'_>> {
-        let shader = self.built().shader.lock().ok()?.take()?;
-        (!self.has_run.load(Ordering::Relaxed)).then(|| Uncompiled { label: self.label, shader, create: &self.create })
+        let (late, shader) = (self.late.as_ref()?, self.built().shader.lock().ok()?.take()?);
+        (!late.has_run.load(Ordering::Relaxed)).then(|| Uncompiled { label: late.label, shader, create: &self.create })
     }
 }
 
@@ -187,10 +193,10 @@ impl<P> Pipeline<P> {
         self.built.get_or_init(|| self.build())
     }
 
-    /// True when it is asked for the first time.
+    /// True when it is asked for the first time, if the driver compiles the pipeline when it first runs.
     #[cfg(not(target_family = "wasm"))]
     pub(super) fn is_first_run(&self) -> bool {
-        !self.has_run.swap(true, Ordering::Relaxed)
+        self.late.as_ref().is_some_and(|late| !late.has_run.swap(true, Ordering::Relaxed))
     }
 
     #[expect(
@@ -224,7 +230,7 @@ impl<P> Pipeline<P> {
             .collect();
         let workgroup = parsed.entry_points.first().map_or([1; 3], |e| e.workgroup_size);
         #[cfg(not(target_family = "wasm"))]
-        let shader = Mutex::new(self.compiles_late.then(|| parsed.clone()));
+        let shader = Mutex::new(self.late.as_ref().map(|_| parsed.clone()));
         let module = self
             .device
             .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(name), source: source_of(wgsl, parsed) });

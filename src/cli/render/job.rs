@@ -85,7 +85,7 @@ impl Job<'_> {
         light_groups::check(self.scene, &self.args.layers.light_groups)?;
         let Some(gpu) = gpu else { return self.reference() };
         let reporter = self.reporter();
-        gpu.compilation.tell(Some(reporter.on_compilation()));
+        gpu.compilation.tell(reporter.on_compilation());
         let stopwatch = Stopwatch::from(self.began, Some(gpu));
         let renderer = self.posed(gpu, &mut renderers.picture, self.settings)?;
         if self.frame.is_some() && self.args.layers.renders_light() && renderer.is_denoised() {
