@@ -104,9 +104,9 @@ impl Capabilities {
     /// Returns the flags of every shader.
     #[must_use]
     pub fn flags(&self) -> &'static [Flag] {
-        // Mesa's copies a load from a buffer for each of eight threads, with branches, and its compiler's time grows with the
-        // square of their number. A texel is one call.
-        if self.software { &[Flag::TexelTables] } else { &[] }
+        // Mesa's driver copies a load from a buffer for each of eight threads, with branches, and its compiler's time grows
+        // with the square of their number. A texel is one call.
+        if self.compiles_late { &[Flag::TexelTables] } else { &[] }
     }
 }
 

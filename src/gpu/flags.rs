@@ -107,7 +107,7 @@ flags! {
     Last = "LAST",
     /// The threads of a workgroup list a triangle texel by texel, as a GPU needs.
     PerTexel = "PER_TEXEL",
-    /// Tables that no pass writes are read as a texture, as a software driver needs.
+    /// Tables that no pass writes are read as a texture, as Mesa's software driver needs.
     TexelTables = "TEXEL_TABLES",
     /// Threads take pixel rows in turns, as a software driver needs.
     Swizzled = "SWIZZLED",

@@ -53,7 +53,8 @@ impl Gpu {
         Ok(())
     }
 
-    /// Waits until every pipeline that was asked for is built. Errors are those of [`Self::check`].
+    /// Waits until every pipeline that was asked for is built, and compiled by drivers that would do so when it first runs.
+    /// Errors are those of [`Self::check`].
     pub fn finish_pipelines(&self) {
         let Pipelines { compute, raster, .. } = &self.pipelines;
         finish(compute);

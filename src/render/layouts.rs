@@ -209,6 +209,10 @@ layouts! {
         sky_shares: u32,
         light_nodes: u32,
         rough_coats: u32,
+        columns_shift: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// Layers on top of a material.

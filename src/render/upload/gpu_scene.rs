@@ -115,7 +115,7 @@ impl GpuScene {
         let attributes = gpu.upload("attributes", &attributes);
         let positions = upload_positions(gpu, &positions);
         let mut bytes =
-            [&positions, &attributes, &tables.buffer, &tables.rows, &lighting].map(wgpu::Buffer::size).iter().sum();
+            tables.bytes() + [&positions, &attributes, &lighting].map(wgpu::Buffer::size).iter().sum::<u64>();
         bytes += map.map_or(0, |m| 16 * u64::from(m.width) * u64::from(m.height));
         let texels = atlas.view();
         bytes += texels.as_ref().map_or(0, |_| atlas.bytes);
@@ -168,7 +168,7 @@ impl GpuScene {
             ("positions", self.positions.as_entire_binding()),
             ("attributes", self.attributes.as_entire_binding()),
             ("tables", self.tables.binding()),
-            ("table_rows", self.tables.rows.as_entire_binding()),
+            ("table_rows", self.tables.first_rows.as_entire_binding()),
             ("lighting", self.lighting.as_entire_binding()),
         ];
         all.extend(self.texels.iter().map(|t| ("texels", wgpu::BindingResource::TextureView(t))));
@@ -207,7 +207,6 @@ impl GpuScene {
         for (table, records) in tables_of(lights) {
             self.tables.write(gpu, table, records);
         }
-        self.tables.copy(gpu);
     }
 
     /// Builds the data structure that rays are traced through, for the scene in its pose.

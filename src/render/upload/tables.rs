@@ -1,5 +1,6 @@
 //! Tables that passes read and none writes, one after the other in one buffer, since WebGPU binds eight storage
-//! buffers to a stage (shaders/lib/scene/scene.wesl).
+//! buffers to a stage (shaders/lib/scene/scene.wesl). Where loads from buffers are much code, shaders read a texture of the
+//! same rows.
 
 use std::ops::Range;
 
@@ -7,13 +8,10 @@ use bytemuck::NoUninit;
 
 use crate::gpu::{Flag, Gpu};
 use crate::render::layouts::TableRows;
-use crate::render::upload::textures::texture;
+use crate::render::upload::textures::{texture, write_texture};
 
 /// Bytes of a row.
 const ROW: usize = 16;
-
-/// Texels of a row of the texture (shaders/lib/scene/scene.wesl).
-const TEXELS: u32 = 1 << 11;
 
 /// Rows of zeros behind the tables, at which those that the scene lacks begin: longer than any record.
 const ZERO_ROWS: usize = 16;
@@ -60,12 +58,61 @@ impl TableData {
     }
 }
 
+/// What shaders read tables from.
+enum Rows {
+    Buffer(wgpu::Buffer),
+    /// For [`Flag::TexelTables`]: a texture of 2^shift columns.
+    Texels {
+        texture: wgpu::Texture,
+        view: wgpu::TextureView,
+        shift: u32,
+    },
+}
+
+impl Rows {
+    /// Uploads tables.
+    fn new(gpu: &Gpu, bytes: &[u8]) -> Self {
+        if !gpu.capabilities.flags().contains(&Flag::TexelTables) {
+            return Self::Buffer(gpu.upload("tables", bytes));
+        }
+        let all = (bytes.len() / ROW) as u32;
+        let shift = all.isqrt().ilog2();
+        let size = [1 << shift, all.div_ceil(1 << shift), 1];
+        let texture = texture(gpu, "tables", wgpu::TextureFormat::Rgba32Uint, size);
+        let this = Self::Texels { view: texture.create_view(&Default::default()), texture, shift };
+        this.write(gpu, 0, bytes);
+        this
+    }
+
+    /// Writes rows from one on.
+    fn write(&self, gpu: &Gpu, first: usize, data: &[u8]) {
+        match self {
+            Self::Buffer(buffer) => gpu.queue.write_buffer(buffer, (first * ROW) as u64, data),
+            Self::Texels { texture, shift, .. } => {
+                // What remains of the last row holds no data.
+                let mut data = data.to_vec();
+                data.resize(data.len().next_multiple_of(ROW), 0);
+                let (mut at, columns) = (first as u32, 1 << shift);
+                let mut left = data.as_slice();
+                while !left.is_empty() {
+                    // The rest of a line of texels, or all whole lines.
+                    let rows = (left.len() / ROW) as u32;
+                    let [x, y] = [at % columns, at / columns];
+                    let whole = x == 0 && rows >= columns;
+                    let size = if whole { [columns, rows / columns] } else { [rows.min(columns - x), 1] };
+                    let (now, later) = left.split_at((size[0] * size[1]) as usize * ROW);
+                    write_texture(gpu, texture, [x, y, 0], size, ROW as u32, now);
+                    (at, left) = (at + size[0] * size[1], later);
+                }
+            }
+        }
+    }
+}
+
 /// Tables on the device.
 pub(super) struct Tables {
-    pub(super) buffer: wgpu::Buffer,
-    /// The same as a texture, for shaders with [`Flag::TexelTables`].
-    texels: Option<(wgpu::Texture, wgpu::TextureView)>,
-    pub(super) rows: wgpu::Buffer,
+    rows: Rows,
+    pub(super) first_rows: wgpu::Buffer,
     ranges: Vec<(Table, Range<usize>)>,
 }
 
@@ -74,9 +121,10 @@ impl Tables {
         let TableData { mut bytes, ranges } = data;
         let zeros = bytes.len();
         bytes.resize(zeros + ZERO_ROWS * ROW, 0);
+        let rows = Rows::new(gpu, &bytes);
         let first = |table| ranges.iter().find(|(t, _)| *t == table).map_or(zeros, |(_, range)| range.start);
         let row = |table| (first(table) / ROW) as u32;
-        let rows = TableRows {
+        let table_rows = TableRows {
             triangles,
             materials: row(Table::Materials),
             layers: row(Table::Layers),
@@ -89,41 +137,29 @@ impl Tables {
             sky_shares: row(Table::SkyShares),
             light_nodes: row(Table::LightNodes),
             rough_coats: row(Table::RoughCoats),
+            columns_shift: if let Rows::Texels { shift, .. } = rows { shift } else { 0 },
+            ..Default::default()
         };
-        let uniform = gpu.uniform::<TableRows>("table_rows");
-        gpu.queue.write_buffer(&uniform, 0, bytemuck::bytes_of(&rows));
-        let texels = gpu.capabilities.flags().contains(&Flag::TexelTables).then(|| {
-            bytes.resize(bytes.len().next_multiple_of(ROW * TEXELS as usize), 0);
-            let height = (bytes.len() / ROW) as u32 / TEXELS;
-            let texture = texture(gpu, "tables", wgpu::TextureFormat::Rgba32Uint, [TEXELS, height, 1]);
-            let view = texture.create_view(&Default::default());
-            (texture, view)
-        });
-        let this = Self { buffer: gpu.upload("tables", &bytes), texels, rows: uniform, ranges };
-        this.copy(gpu);
-        this
+        let first_rows = gpu.uniform::<TableRows>("table_rows");
+        gpu.queue.write_buffer(&first_rows, 0, bytemuck::bytes_of(&table_rows));
+        Self { rows, first_rows, ranges }
     }
 
     /// Returns what shaders read.
     pub(super) fn binding(&self) -> wgpu::BindingResource<'_> {
-        match &self.texels {
-            Some((_, view)) => wgpu::BindingResource::TextureView(view),
-            None => self.buffer.as_entire_binding(),
+        match &self.rows {
+            Rows::Buffer(buffer) => buffer.as_entire_binding(),
+            Rows::Texels { view, .. } => wgpu::BindingResource::TextureView(view),
         }
     }
 
-    /// Copies the buffer to the texture, if there is one.
-    pub(super) fn copy(&self, gpu: &Gpu) {
-        let Some((texture, _)) = &self.texels else { return };
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(ROW as u32 * TEXELS), rows_per_image: None };
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_texture(
-            wgpu::TexelCopyBufferInfo { buffer: &self.buffer, layout },
-            texture.as_image_copy(),
-            texture.size(),
-        );
-        gpu.queue.submit([encoder.finish()]);
+    /// Returns the bytes of buffers and texture.
+    pub(super) fn bytes(&self) -> u64 {
+        self.first_rows.size()
+            + match &self.rows {
+                Rows::Buffer(buffer) => buffer.size(),
+                Rows::Texels { texture, .. } => ROW as u64 * u64::from(texture.width()) * u64::from(texture.height()),
+            }
     }
 
     /// Returns the bytes of a table; 0 if there is none.
@@ -135,7 +171,7 @@ impl Tables {
     pub(super) fn write<T: NoUninit>(&self, gpu: &Gpu, table: Table, records: &[T]) {
         if let Some((_, range)) = self.ranges.iter().find(|(t, _)| *t == table) {
             let data: &[u8] = bytemuck::cast_slice(records);
-            gpu.queue.write_buffer(&self.buffer, range.start as u64, &data[..data.len().min(range.len())]);
+            self.rows.write(gpu, range.start / ROW, &data[..data.len().min(range.len())]);
         }
     }
 }
