@@ -135,6 +135,7 @@ fn plans(criterion: &mut Criterion) {
     let capabilities = Capabilities {
         adapter: "none".to_owned(),
         software: true,
+        compiles_late: false,
         ray_queries: true,
         timestamps: false,
         max_storage_bytes: 128 << 20,
