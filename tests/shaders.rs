@@ -150,14 +150,14 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| WRITES_LISTS.contains(&pass) || *f != Flag::PerTexel)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled].contains(f))
+        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled, Flag::TexelTables].contains(f))
         .filter(|f| !SEES_A_GUIDED_SKY.contains(&pass) || *f != Flag::EnvironmentMap)
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
         .collect();
     let layers: Vec<_> = like_layers().filter(|layer| all_flags.contains(layer)).collect();
     assert!(flags.len() <= 14, "too many sets of {flags:?}: `sensible` has to exclude some");
-    (0..1_u32 << flags.len())
+    let mut sets: Vec<Vec<Flag>> = (0..1_u32 << flags.len())
         .map(|bits| (0..flags.len()).filter(|i| bits >> i & 1 == 1).map(|i| flags[i]).collect::<Vec<_>>())
         .map(|mut set| {
             set.extend(set.contains(&Flag::Glossy).then_some(Flag::Specular).filter(|_| mirrors));
@@ -198,7 +198,13 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         })
         // Vertices have tangents with textures.
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
-        .collect()
+        .collect();
+    // What rows of tables are read from changes nothing else, so that few sets with every flag have texels.
+    if all_flags.contains(&Flag::TexelTables) {
+        let few = covering(&sets, 1);
+        sets.extend(few.into_iter().map(|set| [set.as_slice(), &[Flag::TexelTables]].concat()));
+    }
+    sets
 }
 
 /// Returns the flags that are tested as those of layers are.

@@ -4,6 +4,7 @@
 //! workgroups, for which the program waits, so that this time is known and part of neither a pass nor a budget. Other
 //! drivers compile when a pipeline is built.
 
+#[cfg(not(target_family = "wasm"))]
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::time::Duration;
@@ -18,6 +19,7 @@ pub struct Compilation(Mutex<State>);
 #[derive(Default)]
 struct State {
     time: Duration,
+    #[cfg(not(target_family = "wasm"))]
     told: BTreeSet<&'static str>,
     listener: Option<Listener>,
 }
