@@ -28,7 +28,7 @@ fn lines(arguments: &[&str]) -> Vec<Value> {
 /// A software driver whose cache is empty compiles every shader. Programs are told, and a budget does not pay for it.
 #[test]
 fn compiling_shaders_is_seen_and_takes_nothing_from_a_budget() {
-    if common::gpu().is_none_or(|gpu| !gpu.capabilities.adapter.contains("llvmpipe")) {
+    if common::gpu().is_none_or(|gpu| !gpu.capabilities.compiles_late) {
         return;
     }
     let folder = Folder::new("compile");
@@ -41,9 +41,9 @@ fn compiling_shaders_is_seen_and_takes_nothing_from_a_budget() {
     let stats: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
     let seconds = |phase: &str| stats["seconds"][phase].as_f64().unwrap();
     let passes = stats["passes"].as_object().unwrap();
-    let passes_of_shaders: f64 = passes.values().map(|pass| pass["gpu_millis"].as_f64().unwrap()).sum();
+    let on_device: f64 = passes.values().map(|pass| pass["gpu_millis"].as_f64().unwrap()).sum();
     assert!(seconds("compile") > 0.5 && seconds("render") < 0.5 + seconds("compile"), "{stats}");
-    assert!(passes_of_shaders < 1e3 * seconds("render"), "{passes:?}");
+    assert!(on_device < 1e3 * seconds("render"), "{passes:?}");
     let stdout = String::from_utf8(stdout).unwrap();
     let compiled = stdout.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
     let compiled = compiled.filter(|line| line["event"] == "compile").map(|line| line["shader"].to_string());

@@ -57,13 +57,13 @@ impl Gpu {
     /// Errors are those of [`Self::check`].
     pub fn finish_pipelines(&self) {
         let Pipelines { compute, raster, .. } = &self.pipelines;
-        finish(compute);
-        finish(raster);
+        #[cfg_attr(target_family = "wasm", expect(unused_variables, reason = "browsers compile what they build"))]
+        let compute = finished(compute);
+        finished(raster);
         #[cfg(not(target_family = "wasm"))]
         if let Some(compilers) = &self.compilers {
-            let pipelines: Vec<_> = compute.lock().map(|all| all.values().cloned().collect()).unwrap_or_default();
-            compilers
-                .compile(pipelines.iter().filter_map(|pipeline| pipeline.uncompiled()).collect(), &self.compilation);
+            let uncompiled = compute.iter().filter_map(|pipeline| pipeline.uncompiled()).collect();
+            compilers.compile(uncompiled, &self.compilation);
         }
     }
 }
@@ -77,12 +77,13 @@ impl Drop for Pipelines {
     }
 }
 
-/// Builds all pipelines of a cache that no thread has begun, and waits for the others.
-fn finish<P>(cache: &Cache<P>) {
+/// Returns the pipelines of a cache, of which it builds those that no thread has begun, and waits for the others.
+fn finished<P>(cache: &Cache<P>) -> Vec<Arc<Pipeline<P>>> {
     let pipelines: Vec<_> = cache.lock().map(|all| all.values().cloned().collect()).unwrap_or_default();
-    for pipeline in pipelines {
+    for pipeline in &pipelines {
         pipeline.built();
     }
+    pipelines
 }
 
 /// Returns the pipeline from the cache, or begins to build it by `create`. The ledger counts either request.

@@ -62,8 +62,8 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().samples, hide_default_value = true))]
     pub samples: u32,
     /// Render for this time in seconds, 0.001 to 604800. It counts rendering from the first sample on, not
-    /// loading, setup, the compilation of shaders and writing files. The render ends with the batch in which the time is used up; a batch
-    /// takes half a second, or one sample that takes longer. Excludes --samples
+    /// loading, setup, the compilation of shaders and writing files. The render ends with the batch in which the
+    /// time is used up; a batch takes half a second, or one sample that takes longer. Excludes --samples
     #[cfg_attr(
         feature = "cli",
         arg(long, value_name = "SECONDS", conflicts_with = "samples", allow_negative_numbers = true)

@@ -2,6 +2,7 @@
 //! buffers to a stage (shaders/lib/scene/scene.wesl). Where loads from buffers are much code, shaders read a texture of the
 //! same rows.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use bytemuck::NoUninit;
@@ -90,10 +91,13 @@ impl Rows {
             Self::Buffer(buffer) => gpu.queue.write_buffer(buffer, (first * ROW) as u64, data),
             Self::Texels { texture, shift, .. } => {
                 // What remains of the last row holds no data.
-                let mut data = data.to_vec();
-                data.resize(data.len().next_multiple_of(ROW), 0);
+                let mut data = Cow::Borrowed(data);
+                if !data.len().is_multiple_of(ROW) {
+                    let padded = data.len().next_multiple_of(ROW);
+                    data.to_mut().resize(padded, 0);
+                }
                 let (mut at, columns) = (first as u32, 1 << shift);
-                let mut left = data.as_slice();
+                let mut left: &[u8] = &data;
                 while !left.is_empty() {
                     // The rest of a line of texels, or all whole lines.
                     let rows = (left.len() / ROW) as u32;
