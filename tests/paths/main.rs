@@ -72,15 +72,25 @@ fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
 
 /// Compares both techniques with the reference, pixel by pixel and block by block.
 fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
+    agree(&METHODS, name, scene, side, bounces);
+}
+
+fn agree(techniques: &[Technique], name: &str, scene: &Scene, side: u32, bounces: u32) {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let expected = references(scene, &settings(Technique::PATH, side, 1, bounces), 64);
-    for technique in METHODS {
+    for &technique in techniques {
         let films = pictures(gpu, scene, &settings(technique, side, 32, bounces));
         let (pixels, blocks) = (compare_pixels(&films, &expected), compare(&films, &expected, Look::Blocks));
         println!("{name}, {technique}: {pixels:?} {blocks:?}");
         assert!(pixels.agrees(), "{name}, {technique}: {pixels:?}");
         assert!(blocks.agrees() && blocks.is_sharp(), "{name}, {technique}: {blocks:?}");
     }
+}
+
+/// Compares materials by `bdpt`, whose shaders are those of `path` with light subpaths, and by `shared`, after a bounce less.
+fn materials_agree(name: &str, scene: &Scene, bounces: u32) {
+    agree(&[Technique::RAY_QUERY], name, scene, SIDE, bounces);
+    shared_agrees(name, scene, bounces - 1);
 }
 
 /// Compares `shared`, which widens no lobe here, with the reference.
@@ -108,24 +118,19 @@ fn reflection_agrees_with_the_reference() {
 
 #[test]
 fn layers_agree_with_the_reference() {
-    agrees("coats", &scenes::coats(), SIDE, 3);
-    shared_agrees("coats", &scenes::coats(), 2);
-    agrees("sheens", &scenes::sheens(), SIDE, 3);
-    shared_agrees("sheens", &scenes::sheens(), 2);
-    agrees("brushed", &scenes::brushed(), SIDE, 3);
-    shared_agrees("brushed", &scenes::brushed(), 2);
+    materials_agree("coats", &scenes::coats(), 3);
+    materials_agree("sheens", &scenes::sheens(), 3);
+    materials_agree("brushed", &scenes::brushed(), 3);
 }
 
 #[test]
 fn cloth_agrees_with_the_reference() {
-    agrees("cloths", &scenes::cloths(), SIDE, 3);
-    shared_agrees("cloths", &scenes::cloths(), 2);
+    materials_agree("cloths", &scenes::cloths(), 3);
 }
 
 #[test]
 fn mixes_agree_with_the_reference() {
-    agrees("mixes", &scenes::mixes(), SIDE, 3);
-    shared_agrees("mixes", &scenes::mixes(), 2);
+    materials_agree("mixes", &scenes::mixes(), 3);
 }
 
 /// A mix of diffuse materials is the diffuse material of the mean reflectance.
@@ -157,20 +162,17 @@ fn a_mix_is_the_mean_of_its_parts() {
 
 #[test]
 fn beckmann_facets_agree_with_the_reference() {
-    agrees("Beckmann facets", &scenes::beckmann_facets(), SIDE, 3);
-    shared_agrees("Beckmann facets", &scenes::beckmann_facets(), 2);
+    materials_agree("Beckmann facets", &scenes::beckmann_facets(), 3);
 }
 
 #[test]
 fn films_agree_with_the_reference() {
-    agrees("films", &scenes::films(), SIDE, 3);
-    shared_agrees("films", &scenes::films(), 2);
+    materials_agree("films", &scenes::films(), 3);
 }
 
 #[test]
 fn diffuse_transmission_agrees_with_the_reference() {
-    agrees("leaves", &scenes::leaves(), SIDE, 3);
-    shared_agrees("leaves", &scenes::leaves(), 2);
+    materials_agree("leaves", &scenes::leaves(), 3);
 }
 
 #[test]
@@ -193,8 +195,7 @@ fn clear_sheets_agree_with_the_reference() {
 
 #[test]
 fn dispersion_agrees_with_the_reference() {
-    agrees("dispersing", &scenes::dispersing(), SIDE, 4);
-    shared_agrees("dispersing", &scenes::dispersing(), 3);
+    materials_agree("dispersing", &scenes::dispersing(), 4);
 }
 
 /// Reservoirs of the last sample had other channels. As a canary, a lamp that is a tenth brighter is noticed.
