@@ -95,6 +95,18 @@ fn extensions(plan: &FramePlan) -> Vec<(u32, bool)> {
     plan.extensions.iter().map(|e| (e.j, e.last)).collect()
 }
 
+/// No surface reflects the light that there is.
+#[test]
+fn where_all_is_unlit_only_the_camera_looks() {
+    let lit = SceneStats { emissive_triangles: 32, light_places: 8, environment: true, ..one_light() };
+    let settings = Settings { interleave: None, ..bounces(4) };
+    let [plan, lit] = [SceneStats { unlit: true, ..lit.clone() }, lit].map(|stats| plan_of(&stats, &settings));
+    assert!(lit.light_vertices == 3 && lit.grid.side > 1 && !lit.extensions.is_empty());
+    assert!(plan.camera_hits_emitters && !plan.starts_from_emitters && !plan.rsm);
+    assert!(plan.connections.is_empty() && plan.extensions.is_empty() && plan.views().is_empty());
+    assert_eq!((plan.light_vertices, plan.grid.side), (0, 1));
+}
+
 #[test]
 fn without_light_only_the_camera_looks() {
     let plan = plan(&dark(), &bounces(2));

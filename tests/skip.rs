@@ -196,6 +196,16 @@ fn features() -> Vec<Feature> {
             ],
             rays: &["flag PUNCTUAL", "code spot_strength", "code spot_pdf", "code point_of_ball"],
         },
+        Feature {
+            name: "a surface that is lit",
+            with: with(lamp),
+            without: with(|s| {
+                lamp(s);
+                s.materials.iter_mut().for_each(|m| m.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() });
+            }),
+            raster: &["pass connect", "pass extend", "pass rsm", "memory rsm", "code emitter_of"],
+            rays: &[],
+        },
         feature(
             "pattern of a light",
             with(|s| {

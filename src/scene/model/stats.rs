@@ -43,6 +43,8 @@ pub struct SceneStats {
     /// Largest share of a material's surface whose lobe is perfectly smooth, by its texels: 1 for mirrors and
     /// clear glass.
     pub smooth_share: f32,
+    /// True if no surface reflects or transmits light, as where all materials are unlit.
+    pub unlit: bool,
     /// True if any surface transmits light.
     pub transmits: bool,
     /// True if any medium disperses light.
@@ -145,6 +147,7 @@ impl SceneStats {
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
+            unlit: count(&|m| m.any(&scatters)) == 0,
             transmits: count(&|m| m.transmits()) > 0,
             disperses: count(&|m| m.any(&|m| m.iors().is_some())) > 0,
             diffuse_transmission: count(&|m| m.any(&|m| m.diffuse_transmission.is_some())) > 0,
@@ -233,6 +236,12 @@ fn smooth_share(material: &Material, scene: &Scene) -> f32 {
         }
     };
     lobe.max(coat)
+}
+
+/// Returns true if a material that is no mix reflects or transmits light.
+fn scatters(material: &Material) -> bool {
+    let black = matches!(&material.bsdf, Bsdf::Diffuse { reflectance } if reflectance.factor == Vec3::ZERO);
+    !black || material.is_glossy() || material.transmits()
 }
 
 /// Returns true if a material is emissive.

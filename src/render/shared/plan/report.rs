@@ -11,7 +11,7 @@ use crate::scene::SceneStats;
 use crate::settings::Settings;
 
 /// The reason of passes that need a light.
-const NO_LIGHT: &str = "no light for light subpaths";
+const NO_LIGHT: &str = "no light for light subpaths, or no surface that reflects it";
 
 /// Numbers of views and bands of an iteration.
 struct Counts {
@@ -212,7 +212,7 @@ impl FramePlan {
             let beyond = if self.extensions.iter().any(|e| e.last) { "beyond them" } else { "between them" };
             format!("{} bounces, and hits on emitters {beyond}{directions}", settings.bounces)
         } else if self.extensions.is_empty() {
-            "no connection and no emitter beyond z1".to_owned()
+            "no connection, and no emitter beyond z1 that counts".to_owned()
         } else {
             "no emitters: the last vertex is the last that is connected".to_owned()
         }

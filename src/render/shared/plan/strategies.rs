@@ -48,6 +48,8 @@ pub struct Extension {
 /// The strategies that take part.
 pub(super) struct StrategySet<'a> {
     settings: &'a Settings,
+    /// True if no path has a bounce.
+    unlit: bool,
     /// True if extensions can hit emitters: emissive surfaces or an environment.
     pub emitters: bool,
     /// Light vertices of the light subpath; 0 without lights.
@@ -65,6 +67,7 @@ impl<'a> StrategySet<'a> {
         let emitters = !lists_only && (stats.environment || stats.emissive_triangles > 0);
         // In the paper, light subpaths do not start from emitters: bundles hit them.
         let starts = !lists_only && stats.lights > 0 || emitters && settings.strategies != Strategies::Paper;
+        let starts = starts && !stats.unlit;
         let most = MOST_LIGHT_VERTICES.min(settings.bounces + 1);
         let light_vertices = match (starts, settings.strategies) {
             (false, _) => 0,
@@ -73,7 +76,7 @@ impl<'a> StrategySet<'a> {
             _ => most,
         };
         let smooth = settings.draws_own_directions() && stats.smooth_share > 0.0;
-        Self { settings, emitters, light_vertices, light_candidates: 1, smooth }
+        Self { settings, unlit: stats.unlit, emitters, light_vertices, light_candidates: 1, smooth }
     }
 
     /// True unless another strategy is the only one that counts.
@@ -140,7 +143,8 @@ impl<'a> StrategySet<'a> {
     /// True if hits on emitters from z_j count: (0, j + 2). No other strategy samples emission that the
     /// camera sees (j = 0).
     pub fn hits_emitter(&self, j: u32) -> bool {
-        self.emitters && self.counts(0, j + 2) && (j == 0 || self.sample_counts(j - 1)[0] > 0)
+        let goes_on = |j: u32| !self.unlit && self.sample_counts(j - 1)[0] > 0;
+        self.emitters && self.counts(0, j + 2) && (j == 0 || goes_on(j))
     }
 
     /// Returns the extensions by eye vertex. z_(j+1) exists if a connection needs it or a later extension can
