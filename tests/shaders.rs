@@ -219,15 +219,24 @@ fn like_layers() -> impl Iterator<Item = Flag> {
     ])
 }
 
-/// Calls a function with a number for the state of each `strength` flags of the first `flags` ones, after those of a prefix
-/// that has a number already. Each bit of a set is a flag of `all`.
-fn each_state(set: u64, all: usize, flags: usize, strength: u32, prefix: usize, call: &mut impl FnMut(usize)) {
+/// Calls a function with the states of each `strength` flags of the first `flags` ones, after those of a prefix that has a
+/// number already: a number for the states of all but the last, and the last ones that are on and off. Each bit of a set is a
+/// flag of `all`.
+fn each_state(
+    set: u64,
+    all: usize,
+    flags: usize,
+    strength: u32,
+    prefix: usize,
+    call: &mut impl FnMut(usize, [u64; 2]),
+) {
+    if strength == 1 {
+        let first = (1 << flags) - 1;
+        return call(prefix, [set & first, !set & first]);
+    }
     for n in 0..flags {
         let state = (prefix * all + n) << 1 | (set >> n & 1) as usize;
-        match strength {
-            1 => call(state),
-            _ => each_state(set, all, n, strength - 1, state, call),
-        }
+        each_state(set, all, n, strength - 1, state, call);
     }
 }
 
@@ -237,17 +246,24 @@ fn covering(sets: &[Vec<Flag>], strength: u32) -> Vec<Vec<Flag>> {
     let flags: Vec<Flag> = sets.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
     // There are always as many flags as are chosen; those that are not there are off.
     let count = flags.len().max(strength as usize);
+    assert!(count < 64);
     let bits = |set: &Vec<Flag>| (0..flags.len()).filter(|&n| set.contains(&flags[n])).fold(0, |all, n| all | 1 << n);
     let bits: Vec<u64> = sets.iter().map(bits).collect();
-    let mut covered = vec![false; (2 * count).pow(strength)];
+    let mut covered = vec![[0_u64; 2]; (2 * count).pow(strength - 1)];
     // What a set adds becomes less with each that is taken: one that adds most by an old count is counted anew.
-    let mut queue: BinaryHeap<(usize, Reverse<usize>)> = (0..sets.len()).map(|n| (usize::MAX, Reverse(n))).collect();
+    let mut queue: BinaryHeap<(u32, Reverse<usize>)> = (0..sets.len()).map(|n| (u32::MAX, Reverse(n))).collect();
     let mut taken = Vec::new();
     while let Some((before, Reverse(n))) = queue.pop() {
         let mut adds = 0;
-        each_state(bits[n], count, count, strength, 0, &mut |state| adds += usize::from(!covered[state]));
+        each_state(bits[n], count, count, strength, 0, &mut |state, [on, off]| {
+            let [on_before, off_before] = covered[state];
+            adds += (on & !on_before).count_ones() + (off & !off_before).count_ones();
+        });
         if adds == before {
-            each_state(bits[n], count, count, strength, 0, &mut |state| covered[state] = true);
+            each_state(bits[n], count, count, strength, 0, &mut |state, [on, off]| {
+                let [on_before, off_before] = covered[state];
+                covered[state] = [on_before | on, off_before | off];
+            });
             taken.push(sets[n].clone());
         } else if adds > 0 {
             queue.push((adds, Reverse(n)));

@@ -216,7 +216,8 @@ impl FramePlan {
             && stats.smooth_share >= CAUSTIC_SHARE
             && settings.only.is_none_or(|only| only.weighted || only.t == 1);
         let sizes = resolutions(stats, settings, fast, light_candidates > 1 || reuse.is_some());
-        let starts_from_emitters = strategies.emitters && light_vertices > 0 && settings.strategies != Strategies::Paper;
+        let starts_from_emitters =
+            strategies.emitters && light_vertices > 0 && settings.strategies != Strategies::Paper;
         let hits_sky = stats.environment_map && extensions.iter().any(|e: &Extension| e.hits_emitter);
         let lights = stats.lights + usize::from(stats.environment);
         let guides_sky = stats.environment
