@@ -203,7 +203,16 @@ fn features() -> Vec<Feature> {
                 lamp(s);
                 s.materials.iter_mut().for_each(|m| m.bsdf = Bsdf::Diffuse { reflectance: Vec3::ZERO.into() });
             }),
-            raster: &["pass connect", "pass extend", "pass rsm", "memory rsm", "code emitter_of"],
+            raster: &[
+                "pass light_point",
+                "pass light_subpath",
+                "pass connect_light",
+                "pass connect_y1",
+                "pass extend",
+                "pass view_lists",
+                "pass rsm",
+                "memory rsm",
+            ],
             rays: &[],
         },
         feature(
