@@ -103,6 +103,26 @@ fn open<'a>(
         .transpose()
 }
 
+/// Refuses a mesh whose primitives have too many corners by what their accessors say, before any is read.
+pub(super) fn check_corners(file: &File, mesh: &json::Mesh, index: usize, budget: &Budget) -> Result<(), LoadError> {
+    let mut corners = budget.corners;
+    for (p, primitive) in mesh.primitives.iter().enumerate() {
+        let is_surface =
+            matches!(primitive.mode, Checked::Valid(Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan));
+        let Some(positions) = attribute(primitive, Semantic::Positions).filter(|_| is_surface) else { continue };
+        let accessor = file.root.accessors.get(primitive.indices.unwrap_or(positions).value());
+        corners = corners.saturating_add(accessor.map_or(0, |a| a.count.0 as usize));
+        if corners > MAX_CORNERS {
+            return Err(too_many_corners(file, &format!("meshes[{index}].primitives[{p}]")));
+        }
+    }
+    Ok(())
+}
+
+fn too_many_corners(file: &File, place: &str) -> LoadError {
+    file.error(place, format!("the file expands to more than {MAX_CORNERS} triangle corners"))
+}
+
 /// Loads a primitive and its deformation; returns `None`, with a warning, for a primitive without triangles.
 pub(super) fn load(
     file: &File,
@@ -152,7 +172,7 @@ fn read_triangles(
     let corners = indices.as_ref().map_or(vertices, Vec::len);
     budget.corners += corners.max(1) * if mode == Mode::Triangles { 1 } else { 3 };
     if budget.corners > MAX_CORNERS {
-        return Err(file.error(place, format!("the file expands to more than {MAX_CORNERS} triangle corners")));
+        return Err(too_many_corners(file, place));
     }
     let index = |i: usize| indices.as_ref().map_or(i as u32, |list| list[i]);
     let triangles = match mode {
