@@ -111,7 +111,9 @@ pub(super) fn check_corners(file: &File, mesh: &json::Mesh, index: usize, budget
             matches!(primitive.mode, Checked::Valid(Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan));
         let Some(positions) = attribute(primitive, Semantic::Positions).filter(|_| is_surface) else { continue };
         let accessor = file.root.accessors.get(primitive.indices.unwrap_or(positions).value());
-        corners = corners.saturating_add(accessor.map_or(0, |a| a.count.0 as usize));
+        // One that is too large alone has an error of its own.
+        let count = accessor.map_or(0, |a| a.count.0 as usize);
+        corners += if count > MAX_CORNERS { 0 } else { count };
         if corners > MAX_CORNERS {
             return Err(too_many_corners(file, &format!("meshes[{index}].primitives[{p}]")));
         }
