@@ -380,10 +380,10 @@ fn bounces_that_nobody_asks_for_are_not_there() {
         assert!(before.is_none_or(|before| before < bytes), "{bounces} bounces: {bytes}");
         before = Some(bytes);
     }
-    // Without a light nothing is connected, and only the camera's view is rasterized.
+    // Without a light nothing is connected, and only the camera's view is rasterized, and its borders.
     let dark = ask(gpu, &with(|s| s.lights.clear()), &settings(Technique::RASTER), 2);
     let passes: Vec<_> = dark.counts.passes.keys().collect();
-    assert_eq!(passes, ["accumulate", "eye_vertices", "gbuffer"]);
+    assert_eq!(passes, ["accumulate", "borders", "eye_vertices", "gbuffer"]);
     for pass in ["view_setup", "view_lists", "light_point", "rsm", "light_subpath", "connect", "extend"] {
         assert_eq!(dark.runs(pass), 0, "{pass}");
     }
@@ -398,14 +398,16 @@ fn bounces_that_nobody_asks_for_are_not_there() {
 fn borders_are_drawn_of_few_triangles_only() {
     let Some(gpu) = gpu() else { return };
     let _alone = alone();
-    let of = |side, visibility_from| {
-        let settings = Settings { width: side, height: side, visibility_from, ..settings(Technique::RASTER) };
-        let names = ask(gpu, &plain(), &settings, 1).names();
+    let six = with(|s| (0..5).for_each(|_| add(s, room(), Material::diffuse("room", Vec3::splat(0.5)))));
+    let of = |scene: &Scene, visibility_from| {
+        let settings = Settings { visibility_from, ..settings(Technique::RASTER) };
+        let names = ask(gpu, scene, &settings, 1).names();
         ["pass borders", "memory borders"].map(|name| names.contains(name))
     };
-    assert_eq!(of(64, VisibilityFrom::Lists), [true; 2]);
-    assert_eq!(of(8, VisibilityFrom::Lists), [false; 2]);
-    assert_eq!(of(64, VisibilityFrom::Grid), [false; 2]);
+    // Twelve triangles, and 72.
+    assert_eq!(of(&plain(), VisibilityFrom::Lists), [true; 2]);
+    assert_eq!(of(&six, VisibilityFrom::Lists), [false; 2]);
+    assert_eq!(of(&plain(), VisibilityFrom::Grid), [false; 2]);
 }
 
 /// Iterations of one camera share a G-buffer.

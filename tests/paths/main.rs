@@ -70,12 +70,13 @@ fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
         .collect()
 }
 
-/// Compares both techniques with the reference, pixel by pixel and block by block.
+/// Compares both techniques with the reference.
 fn agrees(name: &str, scene: &Scene, side: u32, bounces: u32) {
-    agree(&METHODS, name, scene, side, bounces);
+    all_agree(&METHODS, name, scene, side, bounces);
 }
 
-fn agree(techniques: &[Technique], name: &str, scene: &Scene, side: u32, bounces: u32) {
+/// Compares techniques with the reference, pixel by pixel and block by block.
+fn all_agree(techniques: &[Technique], name: &str, scene: &Scene, side: u32, bounces: u32) {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     let expected = references(scene, &settings(Technique::PATH, side, 1, bounces), 64);
     for &technique in techniques {
@@ -89,7 +90,7 @@ fn agree(techniques: &[Technique], name: &str, scene: &Scene, side: u32, bounces
 
 /// Compares materials by `bdpt`, whose shaders are those of `path` with light subpaths, and by `shared`, after a bounce less.
 fn materials_agree(name: &str, scene: &Scene, bounces: u32) {
-    agree(&[Technique::RAY_QUERY], name, scene, SIDE, bounces);
+    all_agree(&[Technique::RAY_QUERY], name, scene, SIDE, bounces);
     shared_agrees(name, scene, bounces - 1);
 }
 

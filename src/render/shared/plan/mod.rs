@@ -46,6 +46,10 @@ const SKY_POINTS: u32 = 4;
 /// neighbours lie close enough (Sponza on two drivers: rel_mse below 5e-7 without).
 const PIXELS_OF_BORDERS: u64 = 64;
 
+/// Pixels that a picture counts as having at least in that choice: sides of a few triangles cost nothing in any picture, and
+/// in a small one they are much of it.
+const MIN_PIXELS_OF_BORDERS: u64 = 1 << 12;
+
 /// Light candidates of scenes with many lights.
 const CANDIDATES: u32 = 16;
 
@@ -313,7 +317,8 @@ impl FramePlan {
         self.skips_tiles = settings.skips_tiles() && !self.is_layered();
         self.adaptive = self.skips_tiles && settings.crop.is_none();
         self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;
-        self.draws_borders = !self.traces_camera && PIXELS_OF_BORDERS * stats.triangles as u64 <= pixels;
+        let has_borders = PIXELS_OF_BORDERS * stats.triangles as u64 <= pixels.max(MIN_PIXELS_OF_BORDERS);
+        self.draws_borders = !self.traces_camera && has_borders;
         let usual = if !capabilities.software || (self.has_candidates() && !self.reuses()) {
             BAND_PIXELS
         } else if pixels <= u64::from(TWO_SMALL_BANDS) {

@@ -143,8 +143,8 @@ impl<'a> StrategySet<'a> {
     /// True if hits on emitters from z_j count: (0, j + 2). No other strategy samples emission that the
     /// camera sees (j = 0).
     pub fn hits_emitter(&self, j: u32) -> bool {
-        let goes_on = |j: u32| !self.unlit && self.sample_counts(j - 1)[0] > 0;
-        self.emitters && self.counts(0, j + 2) && (j == 0 || goes_on(j))
+        let is_reached = j == 0 || (!self.unlit && self.sample_counts(j - 1)[0] > 0);
+        self.emitters && is_reached && self.counts(0, j + 2)
     }
 
     /// Returns the extensions by eye vertex. z_(j+1) exists if a connection needs it or a later extension can

@@ -103,26 +103,30 @@ fn open<'a>(
         .transpose()
 }
 
-/// Refuses a mesh whose primitives have too many corners by what their accessors say, before any is read.
-pub(super) fn check_corners(file: &File, mesh: &json::Mesh, index: usize, budget: &Budget) -> Result<(), LoadError> {
-    let mut corners = budget.corners;
+/// Counts the corners of a mesh by what its accessors say, before any is read; too many in the file are an error. What cannot be
+/// read, or is too large alone, has an error of its own.
+pub(super) fn count_corners(
+    file: &File,
+    mesh: &json::Mesh,
+    index: usize,
+    budget: &mut Budget,
+) -> Result<(), LoadError> {
     for (p, primitive) in mesh.primitives.iter().enumerate() {
-        let is_surface =
-            matches!(primitive.mode, Checked::Valid(Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan));
-        let Some(positions) = attribute(primitive, Semantic::Positions).filter(|_| is_surface) else { continue };
+        let per_element = match primitive.mode {
+            Checked::Valid(Mode::Triangles) => 1,
+            Checked::Valid(Mode::TriangleStrip | Mode::TriangleFan) => 3,
+            _ => continue,
+        };
+        let Some(positions) = attribute(primitive, Semantic::Positions) else { continue };
         let accessor = file.root.accessors.get(primitive.indices.unwrap_or(positions).value());
-        // One that is too large alone has an error of its own.
         let count = accessor.map_or(0, |a| a.count.0 as usize);
-        corners += if count > MAX_CORNERS { 0 } else { count };
-        if corners > MAX_CORNERS {
-            return Err(too_many_corners(file, &format!("meshes[{index}].primitives[{p}]")));
+        budget.corners += if count > MAX_CORNERS { 0 } else { count.max(1) * per_element };
+        if budget.corners > MAX_CORNERS {
+            let cause = format!("the file expands to more than {MAX_CORNERS} triangle corners");
+            return Err(file.error(&format!("meshes[{index}].primitives[{p}]"), cause));
         }
     }
     Ok(())
-}
-
-fn too_many_corners(file: &File, place: &str) -> LoadError {
-    file.error(place, format!("the file expands to more than {MAX_CORNERS} triangle corners"))
 }
 
 /// Loads a primitive and its deformation; returns `None`, with a warning, for a primitive without triangles.
@@ -145,7 +149,7 @@ pub(super) fn load(
         warnings.push(format!("{place} has no POSITION: it is left out"));
         return Ok(None);
     };
-    let mut triangles = read_triangles(file, primitive, mode, place, positions.count, budget, warnings)?;
+    let mut triangles = read_triangles(file, primitive, mode, place, positions.count, warnings)?;
     if triangles.is_empty() {
         warnings.push(format!("{place} has no complete triangle: it is left out"));
         return Ok(None);
@@ -164,7 +168,6 @@ fn read_triangles(
     mode: Mode,
     place: &str,
     vertices: usize,
-    budget: &mut Budget,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<[u32; 3]>, LoadError> {
     let indices = match primitive.indices {
@@ -172,10 +175,6 @@ fn read_triangles(
         None => None,
     };
     let corners = indices.as_ref().map_or(vertices, Vec::len);
-    budget.corners += corners.max(1) * if mode == Mode::Triangles { 1 } else { 3 };
-    if budget.corners > MAX_CORNERS {
-        return Err(too_many_corners(file, place));
-    }
     let index = |i: usize| indices.as_ref().map_or(i as u32, |list| list[i]);
     let triangles = match mode {
         Mode::TriangleStrip => {

@@ -380,7 +380,7 @@ impl Loader<'_> {
         let Shown { mesh: index, skin, weights, weighted } = shown;
         let matrices = skin.map(|(_, matrices)| matrices);
         let wanted = Wanted { weights: weighted.is_none().then_some(weights), joints: matrices.map(<[Mat4]>::len) };
-        mesh::check_corners(self.file, mesh, index, &self.budget)?;
+        mesh::count_corners(self.file, mesh, index, &mut self.budget)?;
         let mut loaded = Vec::new();
         let mut warnings = Vec::new();
         for (p, primitive) in mesh.primitives.iter().enumerate() {
