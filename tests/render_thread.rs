@@ -21,7 +21,8 @@ use lightsheaf::settings::{OnlyStrategy, Settings, Technique};
 use lightsheaf::staging::OrbitCamera;
 use lightsheaf::staging::Staging;
 use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
-use lightsheaf::viewer::render_thread::{Note, Outbox, RenderThread, open, show_lengths};
+use lightsheaf::viewer::outbox::{Note, Outbox};
+use lightsheaf::viewer::render_thread::{RenderThread, open, show_lengths};
 use lightsheaf::viewer::request::{Command, Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};
 use lightsheaf::viewer::state::{Launch, State};
 

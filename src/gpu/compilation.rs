@@ -4,12 +4,10 @@
 //! workgroups, for which the program waits, so that this time is known and part of neither a pass nor a budget. Other
 //! drivers compile when a pipeline is built.
 
-#[cfg(not(target_family = "wasm"))]
-use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// Told about a pass before its first shader is compiled: its label, and how many passes there were before it.
+/// Told about a shader before it is compiled: the label of its pass, and how many shaders there were before it.
 pub type Listener = Box<dyn FnMut(&'static str, usize) + Send>;
 
 /// Time that a driver took to compile shaders, and who is told.
@@ -19,8 +17,7 @@ pub struct Compilation(Mutex<State>);
 #[derive(Default)]
 struct State {
     time: Duration,
-    #[cfg(not(target_family = "wasm"))]
-    told: BTreeSet<&'static str>,
+    begun: usize,
     listener: Option<Listener>,
 }
 
@@ -41,13 +38,11 @@ impl Compilation {
     #[cfg(not(target_family = "wasm"))]
     pub(super) fn begin(&self, label: &'static str) {
         let Ok(mut state) = self.0.lock() else { return };
-        let State { told, listener, .. } = &mut *state;
-        let before = told.len();
-        if let Some(listener) = listener
-            && told.insert(label)
-        {
-            listener(label, before);
+        let State { begun, listener, .. } = &mut *state;
+        if let Some(listener) = listener {
+            listener(label, *begun);
         }
+        *begun += 1;
     }
 
     /// Adds time in which the program waited for shaders.

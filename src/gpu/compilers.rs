@@ -26,7 +26,7 @@ pub(super) struct Uncompiled<'a> {
 
 impl Uncompiled<'_> {
     /// True if there are resources of least size for all that it declares.
-    fn has_resources(&self) -> bool {
+    pub(super) fn has_resources(&self) -> bool {
         let is_structure = |variable: &naga::GlobalVariable| {
             matches!(self.shader.types[variable.ty].inner, TypeInner::AccelerationStructure { .. })
         };
@@ -54,7 +54,6 @@ impl Compilers {
     /// Compiles shaders on all threads, unless the driver has the largest of them. Whatever fails is left to the renderer's
     /// device.
     pub(super) fn compile(&self, mut shaders: Vec<Uncompiled>, compilation: &Compilation) {
-        shaders.retain(Uncompiled::has_resources);
         shaders.sort_by_key(|shader| std::cmp::Reverse(shader.size()));
         let Some((largest, others)) = shaders.split_first() else { return };
         let threads = thread::available_parallelism().map_or(1, std::num::NonZero::get);

@@ -107,7 +107,9 @@ impl Compute {
         let groups = bind_groups(gpu, self.label, slots, |g| pipeline.get_bind_group_layout(g), bindings);
         #[cfg(not(target_family = "wasm"))]
         if self.pipeline.is_first_run() {
-            gpu.compilation.begin(self.label);
+            if !self.pipeline.was_compiled_elsewhere() {
+                gpu.compilation.begin(self.label);
+            }
             let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
             let began = web_time::Instant::now();
             run_nothing(&gpu.device, &gpu.queue, pipeline, &groups);

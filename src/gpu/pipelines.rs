@@ -107,7 +107,11 @@ pub(super) fn request<P: wgpu::WasmNotSendSync + 'static>(
             functions: Functions::default(),
             built: OnceLock::new(),
             #[cfg(not(target_family = "wasm"))]
-            late: gpu.capabilities.compiles_late.then(|| Late { label, has_run: AtomicBool::new(false) }),
+            late: gpu.capabilities.compiles_late.then(|| Late {
+                label,
+                has_run: false.into(),
+                elsewhere: false.into(),
+            }),
         });
         if let Ok(mut pipelines) = cache.lock() {
             pipelines.insert(key, Arc::clone(&pipeline));
@@ -166,6 +170,8 @@ pub(super) struct Pipeline<P> {
 struct Late {
     label: &'static str,
     has_run: AtomicBool,
+    /// True if other devices were asked to compile it.
+    elsewhere: AtomicBool,
 }
 
 /// A pipeline, and naga's reflection of its shader.
@@ -182,10 +188,13 @@ pub(super) struct Built<P> {
 
 #[cfg(not(target_family = "wasm"))]
 impl Pipeline<wgpu::ComputePipeline> {
-    /// Returns what the driver has to compile, unless the pipeline has run, or this was asked for before.
+    /// Returns what other devices can compile, unless the pipeline has run, or this was asked for before.
     fn uncompiled(&self) -> Option<Uncompiled<'_>> {
         let (late, shader) = (self.late.as_ref()?, self.built().shader.lock().ok()?.take()?);
-        (!late.has_run.load(Ordering::Relaxed)).then(|| Uncompiled { label: late.label, shader, create: &self.create })
+        let uncompiled = Uncompiled { label: late.label, shader, create: &self.create };
+        let compiles = !late.has_run.load(Ordering::Relaxed) && uncompiled.has_resources();
+        late.elsewhere.store(compiles, Ordering::Relaxed);
+        compiles.then_some(uncompiled)
     }
 }
 
@@ -199,6 +208,12 @@ impl<P> Pipeline<P> {
     #[cfg(not(target_family = "wasm"))]
     pub(super) fn is_first_run(&self) -> bool {
         self.late.as_ref().is_some_and(|late| !late.has_run.swap(true, Ordering::Relaxed))
+    }
+
+    /// True if other devices were asked to compile the pipeline, who told of it.
+    #[cfg(not(target_family = "wasm"))]
+    pub(super) fn was_compiled_elsewhere(&self) -> bool {
+        self.late.as_ref().is_some_and(|late| late.elsewhere.load(Ordering::Relaxed))
     }
 
     #[expect(

@@ -14,7 +14,7 @@ use crate::settings::Settings;
 /// [`RenderError::Setting`] if the camera cannot have the lens.
 pub fn adapted<'a>(scene: &'a Scene, settings: &Settings) -> Result<Cow<'a, Scene>, RenderError> {
     let mut out = Cow::Borrowed(scene);
-    if settings.technique.shares_subpaths() && !settings.draws_own_directions() && scene.transmits() {
+    if settings.shares_all_directions() && scene.transmits() {
         out = Cow::Owned(scene.clone().without_glass());
     }
     if let (true, Some(camera)) = (settings.has_lens(), scene.cameras.get(settings.camera)) {
@@ -45,7 +45,7 @@ const NAMED: usize = 3;
 ///
 /// Materials with a roughness texture are not considered.
 fn widened_lobes(scene: &Scene, settings: &Settings) -> Option<String> {
-    if !settings.technique.shares_subpaths() || settings.draws_own_directions() {
+    if !settings.shares_all_directions() {
         return None;
     }
     let used = |index: usize| scene.instances.iter().any(|i| scene.meshes[i.mesh].material == index);

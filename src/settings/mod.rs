@@ -322,6 +322,12 @@ impl Settings {
             && self.clamp_samples.is_none_or(|samples| samples == 0.0)
     }
 
+    /// True if surfaces know only the directions that pixels share: then lobes are widened, and glass is left out.
+    #[must_use]
+    pub fn shares_all_directions(&self) -> bool {
+        self.technique.shares_subpaths() && !self.draws_own_directions()
+    }
+
     /// Returns the samples that the roughness clamp asks of a lobe; nearly 0 without the clamp. Where surfaces
     /// draw directions of their own, these are lobes that light other surfaces.
     #[must_use]

@@ -10,15 +10,17 @@
 //! them.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender, TryRecvError};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
 use super::engine::{Engine, reference_settings};
+use super::outbox::{Note, Outbox, SharedOutbox};
 use super::pace::Pace;
+use super::preview;
 use super::request::{Command, Layer, Machine, Picture, Request, SceneInfo};
 use crate::film::{Film, has_extension};
 use crate::gpu::{Gpu, GpuError};
@@ -53,32 +55,6 @@ const VPLS: usize = 512;
 /// Largest number of panes.
 pub const PANES: usize = 2;
 
-/// A message of the render thread.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Note {
-    /// Something was done.
-    Done(String),
-    /// Something failed; the text says what to do.
-    Wrong(String),
-    /// The scene could not be loaded; the previous one stays.
-    NotLoaded(String),
-}
-
-/// Results for the window.
-#[derive(Debug, Default)]
-pub struct Outbox {
-    /// Description of the machine, once it is known.
-    pub machine: Option<Machine>,
-    /// Description of a scene that was loaded.
-    pub scene_info: Option<SceneInfo>,
-    /// Newest picture of each pane.
-    pub pictures: [Option<Picture>; PANES],
-    /// Messages in the order of their occurrence.
-    pub notes: Vec<Note>,
-    /// Number of pictures since the thread started.
-    pub count: u64,
-}
-
 /// A device, if there is one, and a description of the machine.
 pub type Opened = (Option<Gpu>, Machine);
 
@@ -106,7 +82,7 @@ pub fn open() -> Opened {
 /// Handle of the render thread, which ends when the handle is dropped.
 pub struct RenderThread {
     commands: Option<Sender<Command>>,
-    outbox: Arc<Mutex<Outbox>>,
+    outbox: Arc<SharedOutbox>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -114,13 +90,12 @@ impl RenderThread {
     /// Starts the thread. `open` opens a device, and is called again after a device loss; `wake` is called
     /// when the outbox has new results.
     #[must_use]
-    pub fn new(open: impl Fn() -> Opened + Send + 'static, wake: impl Fn() + Send + 'static) -> Self {
+    pub fn new(open: impl Fn() -> Opened + Send + 'static, wake: impl Fn() + Send + Sync + 'static) -> Self {
         let (commands, receiver) = mpsc::channel();
-        let outbox = Arc::new(Mutex::new(Outbox::default()));
+        let outbox = Arc::new(SharedOutbox::new(wake));
         let worker = Worker {
             commands: receiver,
             outbox: Arc::clone(&outbox),
-            wake: Box::new(wake),
             loaded: None,
             posed_scenes: 0,
             request: None,
@@ -132,7 +107,7 @@ impl RenderThread {
             worker.run(&open);
         });
         // Without a thread no picture is ever shown; the note makes the window say so.
-        let thread = thread.inspect_err(|e| note(&outbox, Note::Wrong(format!("no thread to render in: {e}")))).ok();
+        let thread = thread.inspect_err(|e| outbox.say(Note::Wrong(format!("no thread to render in: {e}")))).ok();
         Self { commands: Some(commands), outbox, thread }
     }
 
@@ -147,9 +122,7 @@ impl RenderThread {
     /// Returns the results since the last call.
     #[must_use]
     pub fn take(&self) -> Outbox {
-        let mut outbox = self.outbox.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = outbox.count;
-        std::mem::replace(&mut *outbox, Outbox { count, ..Outbox::default() })
+        self.outbox.take()
     }
 }
 
@@ -169,10 +142,6 @@ fn yield_to_others() {
     if let Err(error) = rustix::process::nice(NICE) {
         log::info!("the render thread keeps its priority: {error}");
     }
-}
-
-fn note(outbox: &Mutex<Outbox>, note: Note) {
-    outbox.lock().unwrap_or_else(PoisonError::into_inner).notes.push(note);
 }
 
 /// The scene, posed and edited as a request describes it.
@@ -271,18 +240,18 @@ impl<'s> ReferenceCache<'s> {
 }
 
 /// A pane's picture as a request describes it, at the resolution that it is rendered at.
-struct PaneView<'s> {
+pub(super) struct PaneView<'s> {
     /// Number of the request.
-    request: u64,
-    pane: usize,
-    layer: Layer,
-    moving: bool,
-    coarseness: u32,
-    settings: Settings,
+    pub(super) request: u64,
+    pub(super) pane: usize,
+    pub(super) layer: Layer,
+    pub(super) moving: bool,
+    pub(super) coarseness: u32,
+    pub(super) settings: Settings,
     /// Number of the posed scene.
-    posed_scene: u64,
-    scene: &'s Scene,
-    camera: Camera,
+    pub(super) posed_scene: u64,
+    pub(super) scene: &'s Scene,
+    pub(super) camera: Camera,
 }
 
 impl<'s> PaneView<'s> {
@@ -417,8 +386,7 @@ enum End {
 
 struct Worker {
     commands: Receiver<Command>,
-    outbox: Arc<Mutex<Outbox>>,
-    wake: Box<dyn Fn() + Send>,
+    outbox: Arc<SharedOutbox>,
     loaded: Option<(super::request::Source, Scene)>,
     posed_scenes: u64,
     request: Option<Request>,
@@ -433,25 +401,19 @@ impl Worker {
         let mut failed = None;
         loop {
             let (gpu, machine) = open();
-            self.outbox.lock().unwrap_or_else(PoisonError::into_inner).machine = Some(machine);
-            (self.wake)();
+            self.outbox.add(|outbox| outbox.machine = Some(machine));
             let Err(error) = self.on_device(gpu.as_ref()) else { return };
             log::warn!("the device failed and is opened anew: {error}");
             // A request that fails twice is itself the cause.
             let number = self.request.as_ref().map(|request| request.number);
             if failed == number {
-                self.say(Note::Wrong(format!("{error}; change the settings, or open another scene")));
+                self.outbox.say(Note::Wrong(format!("{error}; change the settings, or open another scene")));
                 self.refused = number;
             } else {
-                self.say(Note::Wrong(format!("{error}; the device is opened anew")));
+                self.outbox.say(Note::Wrong(format!("{error}; the device is opened anew")));
             }
             failed = number;
         }
-    }
-
-    fn say(&self, said: Note) {
-        note(&self.outbox, said);
-        (self.wake)();
     }
 
     /// Receives commands; if `wait` is true, waits for the first one. Returns false if the window has closed.
@@ -471,11 +433,11 @@ impl Worker {
 
     fn save(&self, pane: usize, path: &std::path::Path, tonemap: Grade) {
         let Some((film, layer)) = self.shown.get(pane).and_then(Option::as_ref) else {
-            return self.say(Note::Wrong("there is no picture yet".to_owned()));
+            return self.outbox.say(Note::Wrong("there is no picture yet".to_owned()));
         };
         let linear = has_extension(path, "exr");
         let saved = if linear || !layer.is_radiance() { film.save(path) } else { film.save_graded(path, &tonemap) };
-        self.say(match saved {
+        self.outbox.say(match saved {
             Ok(()) => Note::Done(format!("{} is written", path.display())),
             Err(error) => Note::Wrong(error.to_string()),
         });
@@ -484,6 +446,10 @@ impl Worker {
     /// Renders until the window closes or the device is lost.
     fn on_device(&mut self, gpu: Option<&Gpu>) -> Result<(), GpuError> {
         let mut pane_states: [PaneState; PANES] = Default::default();
+        if let Some(gpu) = gpu {
+            let outbox = Arc::clone(&self.outbox);
+            gpu.compilation.tell(Box::new(move |_, before| outbox.add(|outbox| outbox.shaders = Some(before))));
+        }
         loop {
             let waits = self.request.as_ref().is_none_or(|request| self.refused == Some(request.number));
             if !self.receive(waits) {
@@ -499,7 +465,7 @@ impl Worker {
                 Ok(posed) => posed,
                 Err(said) => {
                     self.refused = Some(request.number);
-                    self.say(said);
+                    self.outbox.say(said);
                     continue;
                 }
             };
@@ -516,11 +482,11 @@ impl Worker {
             let scene = staging::load(&request.source.spec, &request.source.staging)
                 .map_err(|e| Note::NotLoaded(e.to_string()))?;
             log::info!("loaded {}", request.source.spec);
-            let shares = request.panes.iter().any(|pane| pane.settings.technique.shares_subpaths());
-            self.outbox.lock().unwrap_or_else(PoisonError::into_inner).scene_info = Some(scene_info(&scene, shares));
+            let without_glass = request.panes.iter().any(|pane| pane.settings.shares_all_directions());
+            let scene_info = scene_info(&scene, without_glass);
             self.shown = Default::default();
             self.loaded = Some((request.source.clone(), scene));
-            (self.wake)();
+            self.outbox.add(|outbox| outbox.scene_info = Some(scene_info));
         }
         let Some((_, loaded)) = &self.loaded else { return Err(Note::Wrong("no scene is loaded".to_owned())) };
         let mut scene = match request.pose {
@@ -565,7 +531,7 @@ impl Worker {
                     Err(RenderError::Gpu(error)) => return Err(error),
                     Err(RenderError::Setting(text)) => {
                         pane_states[pane] = PaneState { refused: Some(request.number), ..PaneState::default() };
-                        self.say(Note::Wrong(text));
+                        self.outbox.say(Note::Wrong(text));
                         false
                     }
                 };
@@ -602,11 +568,17 @@ impl Worker {
             return Ok(false);
         }
         pane_state.features = None;
-        let mut cached = pane_state.take_renderer(gpu, view)?;
-        let before = cached.engine.stats().samples;
-        let unfinished = before < ENOUGH || view.moving;
-        if unfinished {
-            let batch = pane_state.render_batch(gpu, view, &mut cached, reference_cache)?;
+        let mut render = || {
+            let mut cached = pane_state.take_renderer(gpu, view)?;
+            let unfinished = cached.engine.stats().samples < ENOUGH || view.moving;
+            let batch = unfinished.then(|| pane_state.render_batch(gpu, view, &mut cached, reference_cache));
+            Ok::<_, RenderError>((cached, batch.transpose()?))
+        };
+        let (cached, batch) = match self.shown[view.pane] {
+            None => preview::meanwhile(&self.outbox, view, render)?,
+            Some(_) => render()?,
+        };
+        if let Some(batch) = batch {
             let stats = cached.engine.stats();
             let compared = view.layer == Layer::Error && !view.moving;
             let interval = if compared { BETWEEN_ERRORS } else { BETWEEN };
@@ -618,7 +590,7 @@ impl Worker {
             }
         }
         pane_state.cached[usize::from(view.moving)] = Some(cached);
-        Ok(unfinished)
+        Ok(batch.is_some())
     }
 
     /// Publishes the pane's feature layer (distance, normal or albedo), unless it is shown already.
@@ -647,11 +619,11 @@ impl Worker {
 
     fn publish(&mut self, pane: usize, picture: Picture) {
         self.shown[pane] = Some((Arc::clone(&picture.film), picture.layer));
-        let mut outbox = self.outbox.lock().unwrap_or_else(PoisonError::into_inner);
-        outbox.pictures[pane] = Some(picture);
-        outbox.count += 1;
-        drop(outbox);
-        (self.wake)();
+        self.outbox.add(|outbox| {
+            outbox.pictures[pane] = Some(picture);
+            outbox.shaders = None;
+            outbox.count += 1;
+        });
     }
 }
 
@@ -697,17 +669,20 @@ pub fn show_lengths(film: &Film) -> Film {
     Film { pixels: film.pixels.iter().map(|p| color(p[0])).collect(), ..*film }
 }
 
-/// Returns the window's description of a scene. If `shares` is true, a pane uses a method without
-/// transmission, and the description includes that method's warnings.
-fn scene_info(scene: &Scene, shares: bool) -> SceneInfo {
+/// Returns the window's description of a scene. If `without_glass` is true, a pane leaves glass out, and the description
+/// includes the warnings of that.
+fn scene_info(scene: &Scene, without_glass: bool) -> SceneInfo {
     let used = |material: usize| scene.instances.iter().any(|i| scene.meshes[i.mesh].material == material);
     let emissions = scene.materials.iter().enumerate().filter_map(|(index, material)| {
         let radiance = material.emission?.radiance.factor;
         (radiance != Vec3::ZERO && used(index)).then(|| (index, material.name.clone(), radiance))
     });
     let geometry = Geometry::new(scene);
-    let warnings =
-        if shares && scene.transmits() { scene.clone().without_glass().warnings } else { scene.warnings.clone() };
+    let warnings = if without_glass && scene.transmits() {
+        scene.clone().without_glass().warnings
+    } else {
+        scene.warnings.clone()
+    };
     SceneInfo {
         spec: scene.name.clone(),
         cameras: scene.cameras.clone(),

@@ -205,3 +205,11 @@ pub struct Picture {
     /// True if no more samples will be added.
     pub finished: bool,
 }
+
+impl Picture {
+    /// True if it stands in for the first picture, while the renderer is set up.
+    #[must_use]
+    pub fn is_preview(&self) -> bool {
+        self.stats.samples == 0
+    }
+}

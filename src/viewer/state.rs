@@ -4,7 +4,8 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::render_thread::{Note, Outbox, PANES};
+use super::outbox::{Note, Outbox};
+use super::render_thread::PANES;
 use super::request::{Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};
 use super::setting_controls::Chosen;
 use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
@@ -146,6 +147,8 @@ pub struct State {
     pub marks_vpls: bool,
     /// Messages of the render thread, newest last.
     pub notes: Vec<Note>,
+    /// Number of shaders that the driver has compiled so far, while it compiles more.
+    pub shaders: Option<usize>,
     /// Pictures per second during about the last second.
     pub pictures_a_second: f64,
     launch: Option<Launch>,
@@ -178,6 +181,7 @@ impl State {
             auto_stops: None,
             marks_vpls: false,
             notes: Vec::new(),
+            shaders: None,
             pictures_a_second: 0.0,
             launch: Some(launch),
             size: [1, 1],
@@ -267,8 +271,9 @@ impl State {
         }
         let surplus = self.notes.len().saturating_sub(NOTES);
         self.notes.drain(..surplus);
-        for (side, picture) in self.sides.iter_mut().zip(outbox.pictures) {
-            side.picture = picture.or(side.picture.take());
+        self.shaders = outbox.shaders.or(self.shaders.filter(|_| outbox.pictures.iter().all(Option::is_none)));
+        for (side, (picture, preview)) in self.sides.iter_mut().zip(outbox.pictures.into_iter().zip(outbox.previews)) {
+            side.picture = picture.or(side.picture.take()).or(preview);
         }
         self.expose();
         let (since, count) = self.counted;

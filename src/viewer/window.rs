@@ -239,6 +239,9 @@ impl ApplicationHandler<Wake> for App {
 
     fn user_event(&mut self, _: &ActiveEventLoop, Wake: Wake) {
         let outbox = self.render_thread.take();
+        if outbox.previews[0].is_some() {
+            log::debug!("a preview until the renderer is set up");
+        }
         if let Some(picture) = &outbox.pictures[0] {
             log::debug!("picture of {} samples at 1/{}", picture.stats.samples, picture.coarseness);
             if picture.coarseness == 1 && picture.stats.samples.max(1).ilog2() != self.samples.max(1).ilog2() {

@@ -120,6 +120,7 @@ fn caption(state: &State, pane: usize) -> Option<String> {
     let side = &state.sides[pane];
     let picture = side.picture.as_ref()?;
     let layer = match picture.layer {
+        _ if picture.is_preview() => "preview".to_owned(),
         Layer::Error => "error: red is too bright, blue too dark".to_owned(),
         Layer::Lists => "list entries that a look-up walks: blue 1, green 8, red 64 or more".to_owned(),
         layer => layer_name(layer),

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use egui::{Align, CentralPanel, Context, Frame, Key, Layout, Margin, Panel, RichText, Ui};
 
 use self::canvas::Canvas;
-use super::render_thread::Note;
+use super::outbox::Note;
 use super::request::{Layer, Picture};
 use super::setting_controls::{SettingControl, controls};
 use super::state::State;
@@ -164,6 +164,10 @@ fn line(ui: &mut Ui, state: &State) {
             ui.label(summary(picture));
             ui.separator();
         }
+        if let Some(before) = state.shaders {
+            ui.label(format!("compiling shaders, which this driver keeps: {}", before + 1));
+            ui.separator();
+        }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| match state.notes.last() {
             Some(Note::Done(text)) => _ = ui.add(egui::Label::new(text).truncate()),
             Some(Note::Wrong(text) | Note::NotLoaded(text)) => {
@@ -178,6 +182,9 @@ fn line(ui: &mut Ui, state: &State) {
 /// Returns the number of samples, the time of each and the size of a picture.
 fn summary(picture: &Picture) -> String {
     let Picture { film, stats, batch: (count, seconds), .. } = picture;
+    if picture.is_preview() {
+        return "a preview, until the renderer is set up".to_owned();
+    }
     let size = format!("{}x{}", film.width, film.height);
     if picture.layer.is_feature() {
         return size;
@@ -205,7 +212,7 @@ mod tests {
     use crate::settings::Settings;
     use crate::staging::Staging;
     use crate::tonemap::{Exposure, Tonemap};
-    use crate::viewer::render_thread::Outbox;
+    use crate::viewer::outbox::Outbox;
     use crate::viewer::request::{Machine, SceneInfo};
     use crate::viewer::state::Launch;
 

@@ -10,7 +10,7 @@ use crate::scene::Light;
 use crate::scene::load::endings;
 use crate::settings::{OnlyStrategy, UNLIMITED};
 use crate::tonemap::{Exposure, Tonemap};
-use crate::viewer::render_thread::Note;
+use crate::viewer::outbox::Note;
 use crate::viewer::request::Layer;
 use crate::viewer::state::{Playback, State};
 
