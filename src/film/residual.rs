@@ -9,6 +9,13 @@
 //!
 //! the positive-part estimator of James and Stein 1961 with c = 1. So a pixel keeps what is detail and loses what may
 //! be noise, and since v falls with the number of frames the picture converges to the truth.
+//!
+//! Pixels of a class share light subpaths, so that their residuals err together: a square has as many independent errors
+//! as classes, a few, and sum d^2 may be some times its expectation. What then comes back is a pattern that repeats with
+//! the classes. Detail hardly ever does, so that the means of a square's classes tell the pattern from it, and c is as large as
+//! the pattern asks for, within bounds.
+
+use rayon::prelude::*;
 
 use crate::crop::Crop;
 use crate::film::Film;
@@ -18,16 +25,17 @@ use crate::film::exr::{Channel, Picture};
 /// the same rel_mse within 7 %, cornell_point within 4 %, with 4 to 12 frames.
 const REACH: usize = 3;
 
-/// c: above 1, since pixels of a class share light subpaths, so that their residuals err together. After 12 frames of
-/// 4x4 classes, rel_mse of dream-apartment and cornell_point with c = 1: 0.0021 and 0.0010; 1.5: 0.0022 and 0.0005;
-/// 2: 0.0027 and 0.0005; filtered: 0.0074 and 0.0005; unfiltered: 0.0060 and 0.016.
-const MARGIN: f64 = 1.5;
+/// Bounds of c. After 12 frames of 4x4 classes, rel_mse of dream-apartment and cornell_point with c = 1: 0.0021 and 0.0010; 1.5:
+/// 0.0022 and 0.0005; 2: 0.0027 and 0.0005; filtered: 0.0074 and 0.0005; unfiltered: 0.0060 and 0.016. For 8 independent errors
+/// with 24 degrees of freedom in their variance, as of 3x3 classes after 4 frames, sum d^2 is above 4 sum v in 0.4 % of squares.
+const LEAST_MARGIN: f64 = 1.5;
+const MOST_MARGIN: f64 = 4.0;
 
 /// Least number of frames from which a variance is estimated.
 const LEAST_FRAMES: u64 = 4;
 
 /// Names of the channels of a file.
-const CHANNELS: [&str; 4] = ["residual.R", "residual.G", "residual.B", "residual.square"];
+const CHANNELS: [&str; 5] = ["residual.R", "residual.G", "residual.B", "residual.square", "residual.side"];
 
 /// What the filter has taken away from a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,16 +46,19 @@ pub struct Residual {
     pub square: Vec<f32>,
     /// Number of frames.
     pub frames: u64,
+    /// Side of the squares in which pixels have classes: those at the same place of any square share light subpaths.
+    pub side: u32,
 }
 
 impl Residual {
     /// Reads the channels of a picture of `frames` samples; none if it has no such channels.
     #[must_use]
     pub fn of(picture: &Picture, frames: u64) -> Option<Self> {
-        let [r, g, b, square] = CHANNELS.map(|name| picture.channel(name));
+        let [r, g, b, square, side] = CHANNELS.map(|name| picture.channel(name));
+        let side = side?.first().map_or(1, |&side| side as u32);
         let pixels = r?.iter().zip(g?).zip(b?).map(|((&r, &g), &b)| [r, g, b]).collect();
         let Film { width, height, .. } = picture.film;
-        Some(Self { mean: Film { width, height, pixels }, square: square?.to_vec(), frames })
+        Some(Self { mean: Film { width, height, pixels }, square: square?.to_vec(), frames, side })
     }
 
     /// Returns the pixels of a crop; without one, all of them. Near the border of a crop shares differ, since squares
@@ -56,7 +67,7 @@ impl Residual {
     pub fn cropped(self, crop: Option<Crop>) -> Self {
         let Some(region) = crop else { return self };
         let square = region.pixels(self.mean.width).map(|pixel| self.square[pixel as usize]).collect();
-        Self { mean: self.mean.cropped(crop), square, frames: self.frames }
+        Self { mean: self.mean.cropped(crop), square, ..self }
     }
 
     /// Returns the channels by which pictures of parts of the samples are merged.
@@ -64,6 +75,7 @@ impl Residual {
     pub fn channels(&self) -> Vec<Channel> {
         let values = |c: usize| match c {
             3 => self.square.clone(),
+            4 => vec![self.side as f32; self.square.len()],
             _ => self.mean.pixels.iter().map(|pixel| pixel[c]).collect(),
         };
         CHANNELS.iter().enumerate().map(|(c, name)| Channel { name: (*name).to_owned(), values: values(c) }).collect()
@@ -102,17 +114,84 @@ impl Residual {
         if self.frames < LEAST_FRAMES {
             return vec![0.0; self.square.len()];
         }
-        let squares: Vec<_> =
-            self.mean.pixels.iter().map(|&[r, g, b]| (f64::from(r) + f64::from(g) + f64::from(b)).powi(2)).collect();
+        let sums: Vec<_> =
+            self.mean.pixels.iter().map(|&[r, g, b]| f64::from(r) + f64::from(g) + f64::from(b)).collect();
+        let squares: Vec<_> = sums.iter().map(|sum| sum * sum).collect();
         let variance = |(&square, mean): (&f32, &f64)| (f64::from(square) - mean).max(0.0) / (self.frames - 1) as f64;
         let variances: Vec<_> = self.square.iter().zip(&squares).map(variance).collect();
         let size = [self.mean.width as usize, self.mean.height as usize];
+        let patterns = patterns_around(&sums, size, self.side.max(1) as usize);
         let [squares, variances] = [squares, variances].map(|values| sums_around(&values, size));
-        let share = |(square, variance): (f64, f64)| {
-            if square > MARGIN * variance { (1.0 - MARGIN * variance / square) as f32 } else { 0.0 }
+        let share = |((square, variance), pattern): ((f64, f64), Pattern)| {
+            let noise = pattern.energy(square).clamp(LEAST_MARGIN * variance, MOST_MARGIN * variance);
+            if square > noise { (1.0 - noise / square) as f32 } else { 0.0 }
         };
-        squares.into_iter().zip(variances).map(share).collect()
+        squares.into_iter().zip(variances).zip(patterns).map(share).collect()
     }
+}
+
+/// What repeats with the classes in the square around a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pattern {
+    /// Sum over the classes of the squared sum of their pixels by their number.
+    classes: f64,
+    /// Squared sum of all pixels by their number.
+    all: f64,
+    /// Numbers of classes and of pixels.
+    counts: [usize; 2],
+}
+
+impl Pattern {
+    /// Returns the sum of the squares that a pattern has of the sum of all squares. A share of the rest, by degrees of
+    /// freedom, looks as if it repeated.
+    fn energy(self, squares: f64) -> f64 {
+        let [classes, pixels] = self.counts;
+        if classes >= pixels {
+            return 0.0;
+        }
+        let chance = (classes - 1) as f64 / (pixels - 1) as f64;
+        ((self.classes - self.all - chance * (squares - self.all)) / (1.0 - chance)).max(0.0)
+    }
+}
+
+/// Returns the pattern around each pixel of an image of `columns` and `rows` with classes in squares of `side`.
+fn patterns_around(values: &[f64], [columns, rows]: [usize; 2], side: usize) -> Vec<Pattern> {
+    // Columns, or rows, near one that are at a place in their square.
+    let near = |at: usize, end: usize, place: usize| {
+        let first = at.saturating_sub(REACH);
+        (first + (place + side - first % side) % side..(at + REACH + 1).min(end)).step_by(side)
+    };
+    let counts = |end: usize| -> Vec<usize> {
+        (0..end)
+            .flat_map(|at| (0..side).map(move |place| (at, place)))
+            .map(|(at, place)| near(at, end, place).count())
+            .collect()
+    };
+    let [widths, heights] = [columns, rows].map(counts);
+    let mut across = vec![0.0; values.len() * side];
+    across.par_chunks_mut((columns * side).max(1)).zip(values.par_chunks(columns.max(1))).for_each(|(sums, line)| {
+        for (at, sum) in sums.iter_mut().enumerate() {
+            *sum = near(at / side, columns, at % side).map(|x| line[x]).sum();
+        }
+    });
+    let pattern = |at: usize| {
+        let (row, column) = (at / columns, at % columns);
+        let (mut pattern, mut all) = (Pattern::default(), 0.0);
+        for (y, height) in (0..side).zip(&heights[row * side..]) {
+            for (x, width) in (0..side).zip(&widths[column * side..]) {
+                let count = width * height;
+                if count > 0 {
+                    let sum: f64 = near(row, rows, y).map(|y| across[(y * columns + column) * side + x]).sum();
+                    all += sum;
+                    pattern.classes += sum * sum / count as f64;
+                    pattern.counts[0] += 1;
+                    pattern.counts[1] += count;
+                }
+            }
+        }
+        Pattern { all: all * all / pattern.counts[1] as f64, ..pattern }
+    };
+    (0..values.len()).into_par_iter().map(pattern).collect()
 }
 
 /// Returns the sum of the values in the square around each pixel of an image of `columns` and `rows`.
@@ -146,7 +225,8 @@ mod tests {
             let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
             (((mixed ^ (mixed >> 32)) >> 40) as f32 / (1 << 24) as f32 - 0.5) * 12.0_f32.sqrt()
         };
-        let mut all = Residual { mean: Film::new(SIDE, SIDE), square: vec![0.0; (SIDE * SIDE) as usize], frames };
+        let (mean, square) = (Film::new(SIDE, SIDE), vec![0.0; (SIDE * SIDE) as usize]);
+        let mut all = Residual { mean, square, frames, side: 1 };
         for (at, (mean, square)) in all.mean.pixels.iter_mut().zip(&mut all.square).enumerate() {
             let bias = if at as u32 % SIDE < SIDE / 2 { bias } else { 0.0 };
             for frame in 0..frames {
@@ -178,6 +258,46 @@ mod tests {
         let faint = [4, 64, 1024].map(|frames| halves(0.3, frames)[0]);
         assert!(faint[0] < 0.3 && faint[1] > 0.5 && faint[2] > 0.95, "{faint:?}");
         assert!(halves(9.0, LEAST_FRAMES - 1) == [0.0; 2], "too few frames have no variance");
+    }
+
+    /// What all pixels of a class have in common stays away, though a square has few independent errors; detail comes back.
+    #[test]
+    fn a_pattern_of_classes_does_not_come_back() {
+        let (side, frames) = (3, 4);
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(0x1405_7b7e_f767_814f);
+            (state >> 40) as f32 / (1 << 24) as f32 - 0.5
+        };
+        let shared = |sides: u32, detail: &dyn Fn(u32) -> f32, random: &mut dyn FnMut() -> f32| {
+            let errors: Vec<Vec<f32>> = (0..frames)
+                .map(|_| {
+                    let errors: Vec<f32> = (0..side * side).map(|_| random()).collect();
+                    let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+                    errors.into_iter().map(|error| error - mean).collect()
+                })
+                .collect();
+            let mut all =
+                Residual { mean: Film::new(21, 21), square: vec![0.0; 21 * 21], frames: frames as u64, side: sides };
+            for (at, (mean, square)) in (0..).zip(all.mean.pixels.iter_mut().zip(&mut all.square)) {
+                let class = at / 21 % side * side + at % 21 % side;
+                for errors in &errors {
+                    let value = errors[class as usize] + detail(at);
+                    mean[0] += value / frames as f32;
+                    *square += value * value / frames as f32;
+                }
+            }
+            let shares = all.shares();
+            shares[10 * 21 + 10]
+        };
+        let returned = |sides: u32, random: &mut dyn FnMut() -> f32| {
+            (0..200).filter(|_| shared(sides, &|_| 0.0, random) > 0.05).count()
+        };
+        let (known, unknown) = (returned(side, &mut random), returned(1, &mut random));
+        assert!(known <= 4 && unknown >= 20, "{known} and {unknown} of 200");
+        let line = |at: u32| if at % 21 == 10 { 3.0 } else { 0.0 };
+        let detail = shared(side, &line, &mut random);
+        assert!(detail > 0.5, "{detail}");
     }
 
     /// A picture gives back the filtered mean that it was made of.

@@ -2,9 +2,9 @@
 //!
 //! It has two threads that never wait for each other. The window's thread ([`window`]) owns winit, egui and a
 //! device that draws the interface; it turns the user's input into a [`request::Request`] and shows the
-//! newest picture. The render thread ([`render_thread`]) owns the device that renders, and works on the
-//! newest request, and leaves results in an [`outbox`]. Input is therefore handled within a frame of the interface, however long the picture
-//! takes, and either device may be lost without the other.
+//! newest picture. The render thread ([`render_thread`]) owns the device that renders, works on the newest
+//! request, and leaves pictures in the [`outbox`]. Input is therefore handled within a frame of the interface,
+//! however long the picture takes, and either device may be lost without the other.
 //!
 //! All modules but [`window`] and [`screen`] work without a window: [`OrbitCamera`](crate::staging::OrbitCamera) moves the camera,
 //! [`setting_controls`] lists every setting with its help, [`crate::tonemap`] maps radiance to the display,

@@ -610,13 +610,30 @@ mod tests {
             layer: if auto_stops.is_some() { Layer::Light } else { Layer::Normal },
             auto_stops,
             coarseness: 1,
-            stats: crate::render::renderer::RenderStats::default(),
+            stats: crate::render::RenderStats { samples: 1, ..Default::default() },
             batch: (1, 0.1),
             plan: "".into(),
             vpls: Vec::new(),
             error: None,
             finished: false,
         }
+    }
+
+    #[test]
+    fn a_preview_and_its_shaders_give_way_to_the_first_picture() {
+        let mut state = loaded("builtin:cornell_point");
+        let mut shown = |outbox| {
+            state.accept(outbox, Instant::now());
+            (state.sides[0].picture.as_ref().is_some_and(Picture::is_preview), state.shaders)
+        };
+        let preview = || Some(Picture { stats: crate::render::RenderStats::default(), ..picture(1, None) });
+        let early = Outbox { previews: [preview(), None], shaders: Some(3), ..Outbox::default() };
+        assert_eq!(shown(early), (true, Some(3)));
+        assert_eq!(shown(Outbox::default()), (true, Some(3)));
+        let first = Outbox { pictures: [Some(picture(1, Some(0.0))), None], ..Outbox::default() };
+        assert_eq!(shown(first), (false, None));
+        // One that comes late is not shown.
+        assert_eq!(shown(Outbox { previews: [preview(), None], ..Outbox::default() }), (false, None));
     }
 
     #[test]

@@ -373,7 +373,7 @@ impl Denoiser {
     pub async fn residual(&self, gpu: &Gpu) -> Result<Option<Residual>, GpuError> {
         let Some(buffer) = &self.residual else { return Ok(None) };
         let (mean, square) = self.read(gpu, buffer).await?;
-        Ok(Some(Residual { mean, square, frames: self.still - self.first }))
+        Ok(Some(Residual { mean, square, frames: self.still - self.first, side: self.grid.side }))
     }
 
     /// Reads the same frames filtered, unfiltered and filtered twice, if the plan measures the bias of the filter.
