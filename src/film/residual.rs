@@ -143,10 +143,11 @@ struct Pattern {
 
 impl Pattern {
     /// Returns the sum of the squares that a pattern has of the sum of all squares. A share of the rest, by degrees of
-    /// freedom, looks as if it repeated.
+    /// freedom, looks as if it repeated. Where classes are many for the pixels this says little, nor is it needed: then a
+    /// square has many independent errors.
     fn energy(self, squares: f64) -> f64 {
         let [classes, pixels] = self.counts;
-        if classes >= pixels {
+        if 2 * classes > pixels {
             return 0.0;
         }
         let chance = (classes - 1) as f64 / (pixels - 1) as f64;
