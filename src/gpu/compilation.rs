@@ -17,6 +17,7 @@ pub struct Compilation(Mutex<State>);
 #[derive(Default)]
 struct State {
     time: Duration,
+    #[cfg(not(target_family = "wasm"))]
     begun: usize,
     listener: Option<Listener>,
 }

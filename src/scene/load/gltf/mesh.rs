@@ -123,7 +123,7 @@ pub(super) fn count_corners(
         budget.corners += if count > MAX_CORNERS { 0 } else { count.max(1) * per_element };
         if budget.corners > MAX_CORNERS {
             let cause = format!("the file expands to more than {MAX_CORNERS} triangle corners");
-            return Err(file.error(&format!("meshes[{index}].primitives[{p}]"), cause));
+            return Err(file.error(format!("meshes[{index}].primitives[{p}]"), cause));
         }
     }
     Ok(())
