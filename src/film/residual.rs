@@ -120,97 +120,78 @@ impl Residual {
         let variance = |(&square, mean): (&f32, &f64)| (f64::from(square) - mean).max(0.0) / (self.frames - 1) as f64;
         let variances: Vec<_> = self.square.iter().zip(&squares).map(variance).collect();
         let size = [self.mean.width as usize, self.mean.height as usize];
-        let patterns = patterns_around(&sums, size, self.side.max(1) as usize);
         let [squares, variances] = [squares, variances].map(|values| sums_around(&values, size));
-        let share = |((square, variance), pattern): ((f64, f64), Pattern)| {
-            let noise = pattern.energy(square).clamp(LEAST_MARGIN * variance, MOST_MARGIN * variance);
+        let patterns = patterns_around(&sums, &squares, size, self.side.max(1) as usize);
+        let share = |((square, variance), pattern): ((f64, f64), f64)| {
+            let noise = pattern.clamp(LEAST_MARGIN * variance, MOST_MARGIN * variance);
             if square > noise { (1.0 - noise / square) as f32 } else { 0.0 }
         };
         squares.into_iter().zip(variances).zip(patterns).map(share).collect()
     }
 }
 
-/// What repeats with the classes in the square around a pixel.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pattern {
-    /// Sum over the classes of the squared sum of their pixels by their number.
-    classes: f64,
-    /// Squared sum of all pixels by their number.
-    all: f64,
-    /// Numbers of classes and of pixels.
-    counts: [usize; 2],
-}
-
-impl Pattern {
-    /// Returns the sum of the squares that a pattern has of the sum of all squares. A share of the rest, by degrees of
-    /// freedom, looks as if it repeated. Where classes are many for the pixels this says little, nor is it needed: then a
-    /// square has many independent errors.
-    fn energy(self, squares: f64) -> f64 {
-        let [classes, pixels] = self.counts;
-        if 2 * classes > pixels {
-            return 0.0;
-        }
-        let chance = (classes - 1) as f64 / (pixels - 1) as f64;
-        ((self.classes - self.all - chance * (squares - self.all)) / (1.0 - chance)).max(0.0)
+/// Returns, of the sum of squares in the square around each pixel of an image of `columns` and `rows`, what repeats with classes in
+/// squares of `side`. A share of the rest, by degrees of freedom, looks as if it repeated. Where classes are many for the pixels
+/// this says little, nor is it needed, since a square has many independent errors then: nothing repeats.
+fn patterns_around(values: &[f64], squares: &[f64], [columns, rows]: [usize; 2], side: usize) -> Vec<f64> {
+    if side == 1 || 2 * side * side > (2 * REACH + 1).pow(2) {
+        return vec![0.0; values.len()];
     }
-}
-
-/// Returns the pattern around each pixel of an image of `columns` and `rows` with classes in squares of `side`.
-fn patterns_around(values: &[f64], [columns, rows]: [usize; 2], side: usize) -> Vec<Pattern> {
-    // Columns, or rows, near one that are at a place in their square.
-    let near = |at: usize, end: usize, place: usize| {
-        let first = at.saturating_sub(REACH);
-        (first + (place + side - first % side) % side..(at + REACH + 1).min(end)).step_by(side)
-    };
     let counts = |end: usize| -> Vec<usize> {
         (0..end)
             .flat_map(|at| (0..side).map(move |place| (at, place)))
-            .map(|(at, place)| near(at, end, place).count())
+            .map(|(at, place)| near(at, end, place, side).count())
             .collect()
     };
     let [widths, heights] = [columns, rows].map(counts);
-    let mut across = vec![0.0; values.len() * side];
-    across.par_chunks_mut((columns * side).max(1)).zip(values.par_chunks(columns.max(1))).for_each(|(sums, line)| {
-        for (at, sum) in sums.iter_mut().enumerate() {
-            *sum = near(at / side, columns, at % side).map(|x| line[x]).sum();
-        }
-    });
-    let pattern = |at: usize| {
+    let across = sums_across(values, columns, side);
+    let pattern = |(at, &squares): (usize, &f64)| -> f64 {
         let (row, column) = (at / columns, at % columns);
-        let (mut pattern, mut all) = (Pattern::default(), 0.0);
+        let (mut of_classes, mut all, mut classes, mut pixels) = (0.0, 0.0, 0, 0);
         for (y, height) in (0..side).zip(&heights[row * side..]) {
             for (x, width) in (0..side).zip(&widths[column * side..]) {
                 let count = width * height;
                 if count > 0 {
-                    let sum: f64 = near(row, rows, y).map(|y| across[(y * columns + column) * side + x]).sum();
+                    let sum: f64 = near(row, rows, y, side).map(|y| across[(y * columns + column) * side + x]).sum();
                     all += sum;
-                    pattern.classes += sum * sum / count as f64;
-                    pattern.counts[0] += 1;
-                    pattern.counts[1] += count;
+                    of_classes += sum * sum / count as f64;
+                    classes += 1;
+                    pixels += count;
                 }
             }
         }
-        Pattern { all: all * all / pattern.counts[1] as f64, ..pattern }
+        if 2 * classes > pixels {
+            return 0.0;
+        }
+        let of_all = all * all / pixels as f64;
+        let chance = (classes - 1) as f64 / (pixels - 1) as f64;
+        ((of_classes - of_all - chance * (squares - of_all)) / (1.0 - chance)).max(0.0)
     };
-    (0..values.len()).into_par_iter().map(pattern).collect()
+    squares.par_iter().enumerate().map(pattern).collect()
 }
 
 /// Returns the sum of the values in the square around each pixel of an image of `columns` and `rows`.
 fn sums_around(values: &[f64], [columns, rows]: [usize; 2]) -> Vec<f64> {
-    let across: Vec<f64> = values.chunks_exact(columns.max(1)).flat_map(windows).collect();
-    let mut sums = vec![0.0; values.len()];
-    for column in 0..columns {
-        let down: Vec<_> = (0..rows).map(|row| across[row * columns + column]).collect();
-        for (row, sum) in windows(&down).enumerate() {
-            sums[row * columns + column] = sum;
-        }
-    }
-    sums
+    let across = sums_across(values, columns, 1);
+    let sum = |at: usize| near(at / columns, rows, 0, 1).map(|y| across[y * columns + at % columns]).sum();
+    (0..values.len()).into_par_iter().map(sum).collect()
 }
 
-/// Returns the sums of the values up to [`REACH`] places around each one.
-fn windows(line: &[f64]) -> impl Iterator<Item = f64> {
-    (0..line.len()).map(|at| line[at.saturating_sub(REACH)..(at + REACH + 1).min(line.len())].iter().sum())
+/// Returns the sums of the values of columns near each pixel, apart for each column of squares of `side`.
+fn sums_across(values: &[f64], columns: usize, side: usize) -> Vec<f64> {
+    let mut across = vec![0.0; values.len() * side];
+    across.par_chunks_mut((columns * side).max(1)).zip(values.par_chunks(columns.max(1))).for_each(|(sums, line)| {
+        for (at, sum) in sums.iter_mut().enumerate() {
+            *sum = near(at / side, columns, at % side, side).map(|x| line[x]).sum();
+        }
+    });
+    across
+}
+
+/// Returns the columns, or rows, up to [`REACH`] from one that are at a place in squares of `side`.
+fn near(at: usize, end: usize, place: usize, side: usize) -> impl Iterator<Item = usize> {
+    let first = at.saturating_sub(REACH);
+    (first + (place + side - first % side) % side..(at + REACH + 1).min(end)).step_by(side)
 }
 
 #[cfg(test)]
