@@ -18,6 +18,10 @@ for component in rustfmt clippy; do
     rustup component add "$component"
 done
 
+# Mesa takes shaders from its cache, whatever the width of vectors that it runs with now (LP_NATIVE_VECTOR_WIDTH): those of another
+# width end the process, or give wrong pictures. So the tests' shaders lie apart from those of other programs.
+export MESA_SHADER_CACHE_DIR=$PWD/target/mesa
+
 step() {
     printf '\n== %s\n' "$*"
     local began=$SECONDS
@@ -60,15 +64,16 @@ second_driver() {
 
 # Two jobs at a time, the longest first: a process's tests share a device, which compiles shaders for one of them at a time, so that
 # most jobs keep one core busy. None fails where it is slow. That of the Python package is early, since cargo lets no other job start
-# while it compiles.
+# while it compiles. The window's tests measure how long input waits, and have the machine for themselves.
 all_tests() {
-    local long=(raster python paths raster_statistics reference second_driver layers shaders checkpoint viewer browser)
-    local others
-    mapfile -t others < <(cd tests && printf '%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vxF "${long[@]/#/-e}")
+    local long=(raster python paths raster_statistics reference second_driver layers shaders checkpoint browser)
+    local alone=viewer others
+    mapfile -t others < <(cd tests && printf '%s\n' *.rs */main.rs | sed 's|/main\.rs$||; s|\.rs$||' | grep -vxF "${long[@]/#/-e}" -e "$alone")
     failed=$(mktemp)
     export failed
     export -f run_job second_driver
     printf '%s\n' "${long[@]}" "${others[@]}" units | xargs -P 2 -I {} bash -c 'set -euo pipefail; run_job {}'
+    run_job "$alone"
     [[ ! -s $failed ]] || { printf '\nerror: failed: %s\n' "$(paste -sd ' ' "$failed")" >&2; return 1; }
     rm "$failed"
 }
