@@ -15,7 +15,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The CPU path tracer shares no estimator code with the renderers on the device.
     let [width, height] = [64, 64];
-    let reference = ReferenceSettings { width, height, samples: 256, bounces: Some(2), seed: 7, camera: 0 };
+    let reference =
+        ReferenceSettings { width, height, samples: 256, bounces: Some(2), specular_bounces: 8, seed: 7, camera: 0 };
     let truth = Reference::new(&scene).render(&reference, &|_, _| ()).film;
 
     let gpu = Gpu::new()?;

@@ -64,7 +64,8 @@ fn all_methods_write_what_the_reference_sees() {
     let spec = "builtin:cornell_area";
     let scene = scene::load(spec).unwrap();
     let reference = Reference::new(&scene);
-    let settings = ReferenceSettings { width: 32, height: 24, samples: 1, bounces: None, seed: 1, camera: 0 };
+    let settings =
+        ReferenceSettings { width: 32, height: 24, samples: 1, bounces: None, specular_bounces: 0, seed: 1, camera: 0 };
     let truth = reference.features(&settings);
     let eye = Vec3::from(scene.cameras[0].world_from_camera.translation);
     let mut first: Option<Picture> = None;

@@ -508,6 +508,16 @@ fn flags_follow_the_scene() {
     assert_eq!(flags(&glossy), [Flag::Glossy, Flag::Specular]);
     let clear = SceneStats { transmits: true, smooth_share: 1.0, ..glossy.clone() };
     assert_eq!(flags(&clear), [Flag::Glossy, Flag::Specular, Flag::Transmission, Flag::Caustics]);
+    // Vertices on glass count as no bounces where that is wanted.
+    let glass = SceneStats { specular: true, ..clear.clone() };
+    let counting = [Flag::Glossy, Flag::Specular, Flag::SpecularBounces, Flag::Transmission, Flag::Caustics];
+    assert_eq!(flags(&glass), counting);
+    let of = |specular_bounces| plan(&glass, &Settings { specular_bounces, ..bounces(2) });
+    assert_eq!(of(0), plan(&clear, &Settings { specular_bounces: 0, ..bounces(2) }));
+    assert_eq!([of(0), of(4)].map(|plan| (plan.most_vertices, plan.cost)), [(3, of(0).cost), (7, of(0).cost)]);
+    // Longer paths have strategies s = 0 and 1.
+    let longest = |plan: &FramePlan, s| plan.connections.iter().filter(|c| c.s == s).map(|c| c.j).max().unwrap();
+    assert_eq!([1, 2, 3].map(|s| longest(&of(4), s)), [7, 2, 1]);
     // A few smooth texels are not worth light paths, and those of a strategy alone are not splatted.
     let speckled = SceneStats { smooth_share: 0.01, ..clear.clone() };
     assert_eq!(flags(&speckled), [Flag::Glossy, Flag::Specular, Flag::Transmission]);

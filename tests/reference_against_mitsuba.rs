@@ -57,8 +57,15 @@ impl Case {
     }
 
     fn render(&self, scene: &Scene, side: u32, samples: u32) -> ReferenceOutput {
-        let settings =
-            ReferenceSettings { width: side, height: side, samples, bounces: self.bounces, seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: side,
+            height: side,
+            samples,
+            bounces: self.bounces,
+            specular_bounces: 0,
+            seed: 1,
+            camera: 0,
+        };
         Reference::new(scene).render(&settings, &|_, _| ())
     }
 }
@@ -106,7 +113,15 @@ fn fixture(scene: &str, bounces: Option<u32>) -> Film {
 
 /// Renders a scene by the reference in the size of the fixtures.
 fn beside_fixture(scene: &Scene, bounces: Option<u32>) -> Film {
-    let settings = ReferenceSettings { width: 48, height: 48, samples: FIXTURE_SAMPLES, bounces, seed: 1, camera: 0 };
+    let settings = ReferenceSettings {
+        width: 48,
+        height: 48,
+        samples: FIXTURE_SAMPLES,
+        bounces,
+        specular_bounces: 0,
+        seed: 1,
+        camera: 0,
+    };
     let output = Reference::new(scene).render(&settings, &|_, _| ());
     assert_eq!(output.non_finite, 0);
     output.film

@@ -336,7 +336,8 @@ fn without_a_device_the_reference_renders_and_the_rest_says_why() {
     let picture = harness.picture(number, 2);
     let scene = builtin::load("cornell_point").unwrap();
     let samples = picture.stats.samples as u32;
-    let wanted = ReferenceSettings { width: 48, height: 27, samples, bounces: Some(2), seed: 1, camera: 0 };
+    let wanted =
+        ReferenceSettings { width: 48, height: 27, samples, bounces: Some(2), specular_bounces: 8, seed: 1, camera: 0 };
     assert!(same(&picture.film, &Reference::new(&scene).render(&wanted, &|_, _| ()).film));
 }
 

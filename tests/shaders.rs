@@ -150,7 +150,7 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| WRITES_LISTS.contains(&pass) || *f != Flag::PerTexel)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled, Flag::TexelTables].contains(f))
+        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled, Flag::TexelTables, Flag::SpecularBounces].contains(f))
         .filter(|f| !SEES_A_GUIDED_SKY.contains(&pass) || *f != Flag::EnvironmentMap)
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
@@ -199,6 +199,12 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         // Vertices have tangents with textures.
         .filter(|set| !set.contains(&Flag::Anisotropy) || set.contains(&Flag::Textures))
         .collect();
+    // The last extension counts no vertices.
+    if all_flags.contains(&Flag::SpecularBounces) {
+        let counting = |set: &&Vec<Flag>| set.contains(&Flag::Specular) && !set.contains(&Flag::Last);
+        let few = covering(&sets.iter().filter(counting).cloned().collect::<Vec<_>>(), 2);
+        sets.extend(few.into_iter().map(|set| [set.as_slice(), &[Flag::SpecularBounces]].concat()));
+    }
     // What rows of tables are read from changes nothing else, so that few sets with every flag have texels.
     if all_flags.contains(&Flag::TexelTables) {
         let few = covering(&sets, 1);

@@ -9,7 +9,7 @@ use crate::gpu::{Gpu, GpuError, PassTime};
 use crate::reference::{Reference, ReferenceSettings, Rounds};
 use crate::render::{self, Renderer};
 use crate::scene::Scene;
-use crate::settings::{Method, Settings, Technique, UNLIMITED};
+use crate::settings::{Method, Settings, Technique};
 
 use super::BenchError;
 
@@ -135,7 +135,7 @@ struct OnCpu<'a> {
 
 impl<'a> OnCpu<'a> {
     fn new(scene: &'a Scene, settings: &Settings) -> Self {
-        let settings = reference_settings(settings);
+        let settings = ReferenceSettings::of(settings);
         Self { reference: Reference::new(scene), settings, rounds: Rounds::new(settings) }
     }
 }
@@ -169,11 +169,4 @@ impl Contender for OnCpu<'_> {
     }
 
     fn forget(&mut self) {}
-}
-
-/// Returns the settings of the CPU reference.
-pub(super) fn reference_settings(settings: &Settings) -> ReferenceSettings {
-    let Settings { width, height, samples, seed, camera, .. } = *settings;
-    let bounces = Some(settings.bounces).filter(|&b| b != UNLIMITED);
-    ReferenceSettings { width, height, samples, bounces, seed, camera }
 }

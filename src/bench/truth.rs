@@ -10,13 +10,12 @@ use sha2::{Digest as _, Sha256};
 use crate::film::Film;
 use crate::gpu::Gpu;
 use crate::metrics;
-use crate::reference::{Reference, Rounds};
+use crate::reference::{Reference, ReferenceSettings, Rounds};
 use crate::render;
 use crate::scene::Scene;
 use crate::settings::{Settings, Technique};
 
 use super::BenchError;
-use super::contender::reference_settings;
 
 /// Seeds of the two halves. Contenders use other seeds.
 const SEEDS: [u32; 2] = [0x5eed_0001, 0x5eed_0002];
@@ -130,7 +129,7 @@ fn unwritable(path: &Path, cause: &std::io::Error) -> BenchError {
 fn halves_by_reference(scene: &Scene, settings: &Settings, seconds: f64, progress: &dyn Fn(f64)) -> ([Film; 2], u64) {
     let began = Instant::now();
     let reference = Reference::new(scene);
-    let mut halves = SEEDS.map(|seed| Rounds::new(reference_settings(&Settings { seed, ..settings.clone() })));
+    let mut halves = SEEDS.map(|seed| Rounds::new(ReferenceSettings::of(&Settings { seed, ..settings.clone() })));
     let mut round = 1;
     loop {
         for half in &mut halves {
@@ -182,7 +181,7 @@ fn key(scene: &Scene, settings: &Settings, seconds: f64) -> String {
     let mut hash = Hash(Sha256::new());
     // The debug output of a scene contains every field with every digit, so that new fields are included
     // automatically.
-    let written = write!(hash, "{GENERATION} {seconds} {:?} {settings:?}\n{scene:?}", reference_settings(settings));
+    let written = write!(hash, "{GENERATION} {seconds} {:?} {settings:?}\n{scene:?}", ReferenceSettings::of(settings));
     debug_assert!(written.is_ok(), "hashing cannot fail");
     hash.0.finalize().iter().take(16).fold(String::new(), |mut hex, byte| {
         let _ = write!(hex, "{byte:02x}");
@@ -261,7 +260,7 @@ mod tests {
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
         // The error against a much better picture equals the estimate from the halves, within noise.
         let better = Settings { samples: 8 * truth.origin.samples as u32, ..settings };
-        let better = Reference::new(&scene).render(&reference_settings(&better), &|_, _| ()).film;
+        let better = Reference::new(&scene).render(&ReferenceSettings::of(&better), &|_, _| ()).film;
         let real = metrics::compare(&truth.film, &better).unwrap().rel_mse;
         assert!((0.5..2.0).contains(&(own / real)), "{own} {real}, {} samples", truth.origin.samples);
         std::fs::remove_dir_all(folder).unwrap();

@@ -134,7 +134,8 @@ impl LayerArgs {
     pub fn trace(&self, scene: &Scene, before: Option<&Scene>, settings: &Settings) -> Option<Aovs> {
         let Settings { width, height, camera, .. } = *settings;
         let region = settings.region();
-        let settings = ReferenceSettings { width, height, samples: RAYS, bounces: None, seed: 0, camera };
+        let settings =
+            ReferenceSettings { width, height, samples: RAYS, bounces: None, specular_bounces: 0, seed: 0, camera };
         self.any().then(|| Reference::new(scene).aovs_within(&settings, region, before))
     }
 
@@ -243,7 +244,7 @@ impl SplitLight {
 
     /// Returns the settings of light that is scattered at most once.
     pub fn settings(settings: &Settings) -> Settings {
-        Settings { bounces: 0, target_error: None, budget: None, ..settings.clone() }
+        Settings { bounces: 0, specular_bounces: 0, target_error: None, budget: None, ..settings.clone() }
     }
 }
 

@@ -62,7 +62,7 @@ pub struct BenchArgs {
     /// scene has one, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = super::view::parse_size)]
     size: Option<(u32, u32)>,
-    /// Number of indirect bounces, 0 to 64. 0 is direct light only. path, reference and peers also accept
+    /// Number of indirect bounces, 0 to 64, those on glass and mirrors included. 0 is direct light only. path, reference and peers also accept
     /// `unlimited`
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Settings::default().bounces)]
     bounces: u32,
@@ -155,7 +155,9 @@ fn bench(
     let film_size = args.size.or(scene.cameras[0].film_size);
     let sized = |settings: &Settings| {
         let (width, height) = film_size.unwrap_or((settings.width, settings.height));
-        Settings { width, height, bounces: args.bounces, seed: args.seed, ..settings.clone() }
+        // Other programs count every vertex.
+        let (bounces, specular_bounces, seed) = (args.bounces, 0, args.seed);
+        Settings { width, height, bounces, specular_bounces, seed, ..settings.clone() }
     };
     let settings = sized(&Settings::default());
     let truth = match reference {

@@ -9,7 +9,7 @@ use crate::render::renderer::BatchSize;
 use crate::render::state::RenderState;
 use crate::render::{RenderError, RenderStats, Renderer};
 use crate::scene::Scene;
-use crate::settings::{OnlyStrategy, Settings, UNLIMITED};
+use crate::settings::{OnlyStrategy, Settings};
 use async_trait::async_trait;
 
 /// Progressive renderer of the CPU reference.
@@ -25,10 +25,8 @@ pub struct ReferenceRenderer<'s> {
 impl<'s> ReferenceRenderer<'s> {
     /// Prepares the scene for ray tracing.
     pub fn new(scene: &'s Scene, settings: &Settings) -> Self {
-        let Settings { width, height, samples, seed, camera, .. } = *settings;
         let region = settings.region();
-        let bounces = Some(settings.bounces).filter(|&b| b != UNLIMITED);
-        let settings = ReferenceSettings { width, height, samples, bounces, seed, camera };
+        let settings = ReferenceSettings::of(settings);
         let rounds = Rounds::starting_at(settings, region, 0);
         Self { reference: Reference::new(scene), settings, region, rounds, batch_size: BatchSize::default() }
     }

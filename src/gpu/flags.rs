@@ -34,6 +34,8 @@ flags! {
     Masks = "MASKS",
     /// Paths draw directions of their own from BSDFs, and continue at mirrors.
     Specular = "SPECULAR",
+    /// Vertices on glass and mirrors may count as no bounces.
+    SpecularBounces = "SPECULAR_BOUNCES",
     /// Paths are refracted by dielectrics.
     Transmission = "TRANSMISSION",
     /// Media disperse light. Needs TRANSMISSION.

@@ -200,7 +200,15 @@ mod tests {
         scene.cameras[0].projection = Projection::Perspective { fov: 60.0_f32.to_radians(), axis: FovAxis::Smaller };
         scene.cameras[0] = scene.cameras[0].clone().looking(Vec3::new(0.0, 1.0, 9.0), Vec3::Y).unwrap();
         let reference = Reference::new(&scene);
-        let settings = ReferenceSettings { width: 24, height: 24, samples: 64, bounces: None, seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 24,
+            height: 24,
+            samples: 64,
+            bounces: None,
+            specular_bounces: 0,
+            seed: 1,
+            camera: 0,
+        };
         let aovs = reference.aovs(&settings);
         let features = reference.features(&settings);
         let full = |pixel: &usize| aovs.coverage[*pixel] == 1.0;
@@ -243,7 +251,15 @@ mod tests {
         before.instances.iter_mut().for_each(|instance| instance.world_from_local.translation -= Vec3A::from(shift));
         let reference = Reference::new(&scene);
         assert!(reference.geometry().tessellated > 0);
-        let settings = ReferenceSettings { width: 24, height: 24, samples: 4, bounces: None, seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 24,
+            height: 24,
+            samples: 4,
+            bounces: None,
+            specular_bounces: 0,
+            seed: 1,
+            camera: 0,
+        };
         let aovs = reference.aovs_within(&settings, Crop::whole(24, 24), Some(&before));
         let tessellated =
             |pixel: &usize| aovs.depth[*pixel] < FAR && aovs.objects[*pixel] == [(Aovs::TESSELLATED, 1.0)];
@@ -275,7 +291,15 @@ mod tests {
         let eye = Vec3::new(0.0, 1.0, 9.0);
         scene.cameras[0] = scene.cameras[0].clone().looking(eye, Vec3::Y).unwrap();
         let reference = Reference::new(&scene);
-        let settings = ReferenceSettings { width: 24, height: 24, samples: 1, bounces: None, seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 24,
+            height: 24,
+            samples: 1,
+            bounces: None,
+            specular_bounces: 0,
+            seed: 1,
+            camera: 0,
+        };
         let middle = Crop { x: 12, y: 10, width: 1, height: 1 };
         let corner = Crop { x: 0, y: 0, ..middle };
         let since = |before: &Scene, region| {

@@ -52,7 +52,15 @@ mod tests {
     fn the_back_wall_of_the_box_is_seen_as_it_is() {
         let scene = builtin::load("cornell_point").unwrap();
         let mut reference = Reference::new(&scene);
-        let settings = ReferenceSettings { width: 8, height: 8, samples: 1, bounces: None, seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 8,
+            height: 8,
+            samples: 1,
+            bounces: None,
+            specular_bounces: 0,
+            seed: 1,
+            camera: 0,
+        };
         let Features { distance, normal, albedo } = reference.features(&settings);
         let middle = 3 * 8 + 3;
         assert!(distance.pixels[middle][0] > 0.1 && distance.pixels[middle][0].is_finite());

@@ -38,6 +38,7 @@ use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, Paral
 use crate::crop::Crop;
 use crate::film::Film;
 use crate::scene::{Camera, Geometry, Material, Scene, Sides};
+use crate::settings::{Settings, UNLIMITED};
 
 use self::bvh::{Bvh, Hit, NONE};
 pub use self::features::Features;
@@ -46,6 +47,7 @@ pub use self::rounds::Rounds;
 use self::camera::Rays;
 use self::environment::Sky;
 use self::lights::Lights;
+use self::path::Length;
 use self::sampler::Sampler;
 use self::surface::Surfaces;
 
@@ -63,10 +65,22 @@ pub struct ReferenceSettings {
     pub samples: u32,
     /// Number of indirect bounces, 0 for direct light only; none leaves path lengths to Russian roulette.
     pub bounces: Option<u32>,
+    /// Number of vertices on glass and perfect mirrors that count as no bounce.
+    pub specular_bounces: u32,
     /// Seed of all random numbers.
     pub seed: u32,
     /// Index into the scene's cameras.
     pub camera: usize,
+}
+
+impl ReferenceSettings {
+    /// Returns the settings of the same picture.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let Settings { width, height, samples, specular_bounces, seed, camera, .. } = *settings;
+        let bounces = Some(settings.bounces).filter(|&bounces| bounces != UNLIMITED);
+        Self { width, height, samples, bounces, specular_bounces, seed, camera }
+    }
 }
 
 /// Result of rendering.
@@ -174,7 +188,7 @@ impl<'s> Reference<'s> {
                         let mut sampler = Sampler::new(settings.seed, row * settings.width + column, sample);
                         let at = Vec2::new(column as f32, row as f32) + sampler.pair();
                         let (origin, direction) = rays.ray(at, &mut sampler);
-                        let path = self.path(origin, direction, settings.bounces, &mut sampler);
+                        let path = self.path(origin, direction, Length::of(settings), &mut sampler);
                         tile.non_finite += u64::from(!path.radiance.is_finite());
                         tile.rays += u64::from(path.rays);
                         (0..3).for_each(|c| sum[c] += f64::from(path.radiance[c]));

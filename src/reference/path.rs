@@ -16,13 +16,13 @@ use std::cell::Cell;
 
 use glam::{Vec2, Vec3};
 
-use super::Reference;
 use super::bvh::{Hit, NONE};
 use super::environment::Sky;
 use super::layers::Layered;
 use super::lights::{Group, LightSample, Target};
 use super::sampler::{Sampler, hash};
 use super::surface::Surface;
+use super::{Reference, ReferenceSettings};
 use crate::scene::Sides;
 
 /// Number of vertices before Russian roulette starts.
@@ -34,6 +34,30 @@ pub struct Path {
     pub radiance: Vec3,
     /// Number of rays traced.
     pub rays: u32,
+}
+
+/// The lengths of paths that count.
+///
+/// A path of n vertices between camera and light has n - 1 bounces, less one for each vertex on glass or a perfect mirror,
+/// but the one next to the light.
+#[derive(Clone, Copy)]
+pub struct Length {
+    /// Most bounces; none leaves lengths to Russian roulette.
+    bounces: Option<u32>,
+    /// Number of vertices on glass and mirrors that count as no bounce, at most.
+    specular: u32,
+}
+
+impl Length {
+    /// Returns the lengths of the settings.
+    pub fn of(settings: &ReferenceSettings) -> Self {
+        Self { bounces: settings.bounces, specular: settings.specular_bounces }
+    }
+
+    /// True if a path of a number of vertices, of which a number are on glass and mirrors, may have another one.
+    fn continues(self, vertices: u32, specular: u32) -> bool {
+        self.bounces.is_none_or(|bounces| vertices <= bounces.saturating_add(specular.min(self.specular)))
+    }
 }
 
 /// A vertex of a path, for direct lighting.
@@ -76,7 +100,7 @@ fn power_heuristic(taken: f32, other: f32) -> f32 {
 
 impl Reference<'_> {
     /// Traces a path that leaves the camera along a unit direction.
-    pub(super) fn path(&self, origin: Vec3, direction: Vec3, bounces: Option<u32>, sampler: &mut Sampler) -> Path {
+    pub(super) fn path(&self, origin: Vec3, direction: Vec3, length: Length, sampler: &mut Sampler) -> Path {
         let mut path = Path { radiance: Vec3::ZERO, rays: 0 };
         let mut throughput = Vec3::ONE;
         let mut medium = Vec3::ZERO;
@@ -86,6 +110,8 @@ impl Reference<'_> {
         let mut pdf_w = None;
         let channel = sampler.channel();
         let mut dispersed = false;
+        // Vertices on glass and mirrors, and whether the path may have another vertex.
+        let (mut specular, mut continues) = (0, true);
         for vertex in 0.. {
             path.rays += 1;
             let bits = sampler.bits_of_ray(path.rays);
@@ -112,9 +138,11 @@ impl Reference<'_> {
                 });
                 path.radiance += throughput * emitted * weight;
             }
-            if !self.scatters || bounces.is_some_and(|bounces| vertex > bounces) {
+            if !self.scatters || !continues {
                 break;
             }
+            specular += u32::from(self.surfaces.is_specular(hit.triangle));
+            continues = length.continues(vertex + 1, specular);
             let Some(bsdf) = self.surfaces.bsdf(&surface) else { break };
             let wo = surface.frame.local(-direction);
             if wo.z <= 0.0 {
@@ -123,7 +151,7 @@ impl Reference<'_> {
 
             let shaded = Vertex { surface: &surface, hit: &hit, bsdf: &bsdf, wo, media: [here, beyond], dispersed };
             self.add_direct_light(&mut path, &shaded, vertex, throughput, sampler);
-            if bounces == Some(vertex) && !self.emitters_can_be_hit {
+            if !continues && !self.emitters_can_be_hit {
                 break;
             }
 

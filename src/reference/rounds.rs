@@ -89,7 +89,15 @@ mod tests {
     fn rounds_are_the_picture_of_all_their_samples() {
         let scene = builtin::load("cornell_area").unwrap();
         let reference = Reference::new(&scene);
-        let settings = ReferenceSettings { width: 12, height: 8, samples: 7, bounces: Some(2), seed: 3, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 12,
+            height: 8,
+            samples: 7,
+            bounces: Some(2),
+            specular_bounces: 8,
+            seed: 3,
+            camera: 0,
+        };
         let whole = reference.render(&settings, &|_, _| ());
         let mut rounds = Rounds::new(settings);
         assert_eq!(rounds.film(), Film::new(12, 8));

@@ -126,6 +126,8 @@ pub struct Surfaces<'s> {
     /// Textures of the materials.
     pub textures: Textures<'s>,
     materials: &'s [Material],
+    /// For each material whether vertices on it may count as no bounces.
+    specular: Vec<bool>,
     /// The materials and the parts of those that are mixes, each with the places of its own parts.
     parts: Vec<(&'s Material, Option<[usize; 2]>)>,
     prepared: Vec<Prepared>,
@@ -148,6 +150,7 @@ impl<'s> Surfaces<'s> {
             parts,
             textures: Textures::new(scene),
             materials: &scene.materials,
+            specular: scene.materials.iter().map(Material::is_specular).collect(),
             geometry,
         }
     }
@@ -156,6 +159,12 @@ impl<'s> Surfaces<'s> {
     #[must_use]
     pub fn material(&self, triangle: u32) -> &'s Material {
         &self.materials[self.geometry.materials[triangle as usize] as usize]
+    }
+
+    /// Returns true if vertices on a triangle may count as no bounces.
+    #[must_use]
+    pub fn is_specular(&self, triangle: u32) -> bool {
+        self.specular[self.geometry.materials[triangle as usize] as usize]
     }
 
     /// Returns the probability that a triangle stops a ray at a hit: 0 where an alpha mask cuts it out.

@@ -59,6 +59,7 @@ pub fn camera_uniform(camera: &Camera, settings: &Settings) -> layouts::FrameUni
         camera_forward: forward.to_array(),
         beta: settings.beta(),
         bounces: settings.bounces,
+        specular_bounces: settings.specular_bounces,
         ..Default::default()
     }
 }

@@ -288,6 +288,10 @@ layouts! {
         number: u32,
         splat_scale: f32,
         bounces: u32,
+        specular_bounces: u32,
+        pad0: u32,
+        pad1: u32,
+        pad2: u32,
     }
 
     /// A strategy's constants.
@@ -622,6 +626,7 @@ constants! {
         BLENDED = 256,
         BECKMANN_FACETS = 512,
         CLEAR_SHEET = 1024,
+        SPECULAR_SURFACE = 2048,
     }
 
     /// Most light points of an iteration.

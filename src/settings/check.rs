@@ -117,8 +117,9 @@ impl Settings {
         within("--target-error", self.target_error, &TARGETS, "")
     }
 
-    /// Checks the number of bounces. `path` and the reference accept unlimited bounces.
+    /// Checks the numbers of bounces. `path` and the reference accept unlimited bounces.
     fn check_bounces(&self) -> Result<(), OutOfRange> {
+        within("--specular-bounces", Some(self.specular_bounces), &BOUNCES, "")?;
         let unlimited = matches!(self.method(), Method::Path | Method::Reference);
         match self.bounces {
             UNLIMITED if unlimited => Ok(()),

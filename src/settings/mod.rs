@@ -81,6 +81,10 @@ pub struct Settings {
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Self::default().bounces))]
     #[serde(serialize_with = "serialize_bounces")]
     pub bounces: u32,
+    /// Number of vertices of a path on glass and perfect mirrors that count as no bounce, 0 to 64. The one before the light
+    /// always counts
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().specular_bounces))]
+    pub specular_bounces: u32,
     /// Seed of all random numbers. The same seed, settings, device and driver produce the same pixels
     #[cfg_attr(feature = "cli", arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = Self::default().seed))]
     pub seed: u32,
@@ -215,6 +219,7 @@ impl Default for Settings {
             budget: None,
             target_error: None,
             bounces: 2,
+            specular_bounces: 8,
             seed: 1,
             visibility_from: VisibilityFrom::Auto,
             strategies: Strategies::All,

@@ -105,7 +105,15 @@ pub fn lacks(scene: &Scene, reference: &mut Reference, camera: &Camera) -> bool 
     reference.look(camera.clone());
     // Light of a lamp behind glass has passed two surfaces when it is first reflected.
     let bounces = Some(if scene.materials.iter().any(|m| m.transmits()) { 5 } else { 1 });
-    let settings = ReferenceSettings { width: SIDE, height: SIDE, samples: SAMPLES, bounces, seed: 1, camera: 0 };
+    let settings = ReferenceSettings {
+        width: SIDE,
+        height: SIDE,
+        samples: SAMPLES,
+        bounces,
+        specular_bounces: 0,
+        seed: 1,
+        camera: 0,
+    };
     let picture = reference.render(&settings, &|_, _| ()).film;
     // By the same rays, so that what is seen to glow beside or within a pixel is no part of what it reflects.
     reference.scatter(false);

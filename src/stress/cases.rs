@@ -153,8 +153,9 @@ fn same_bits(film: &Film, expected: &Film) -> Seen {
 }
 
 fn reference(scene: &Scene, settings: &Settings, samples: u32) -> Film {
-    let Settings { width, height, bounces, camera, .. } = *settings;
-    let settings = ReferenceSettings { width, height, samples, bounces: Some(bounces), seed: 1, camera };
+    let Settings { width, height, bounces, specular_bounces, camera, .. } = *settings;
+    let settings =
+        ReferenceSettings { width, height, samples, bounces: Some(bounces), specular_bounces, seed: 1, camera };
     Reference::new(scene).render(&settings, &|_, _| ()).film
 }
 

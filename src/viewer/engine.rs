@@ -7,7 +7,7 @@ use crate::gpu::Gpu;
 use crate::reference::{Reference, ReferenceSettings, Rounds};
 use crate::render::{self, RenderError, RenderStats, Renderer};
 use crate::scene::{Camera, Scene};
-use crate::settings::{Method, Settings, UNLIMITED};
+use crate::settings::{Method, Settings};
 
 /// The renderer of a method.
 pub enum Engine<'gpu> {
@@ -25,7 +25,7 @@ impl<'gpu> Engine<'gpu> {
     pub fn new(gpu: Option<&'gpu Gpu>, scene: &Scene, settings: &Settings) -> Result<Self, RenderError> {
         if settings.method() == Method::Reference {
             settings.check().map_err(|e| RenderError::Setting(e.to_string()))?;
-            return Ok(Self::Reference(Rounds::new(reference_settings(settings))));
+            return Ok(Self::Reference(Rounds::new(ReferenceSettings::of(settings))));
         }
         let gpu = gpu.ok_or_else(|| RenderError::Setting("there is no graphics device".to_owned()))?;
         Ok(Self::Device(render::open(gpu, scene, settings)?))
@@ -39,7 +39,7 @@ impl<'gpu> Engine<'gpu> {
         match self {
             Self::Device(renderer) => renderer.pose(scene),
             Self::Reference(rounds) => {
-                *rounds = Rounds::new(reference_settings(settings));
+                *rounds = Rounds::new(ReferenceSettings::of(settings));
                 Ok(())
             }
         }
@@ -52,7 +52,7 @@ impl<'gpu> Engine<'gpu> {
     pub fn set_camera(&mut self, camera: &Camera, settings: &Settings) -> Result<(), RenderError> {
         match self {
             Self::Device(renderer) => renderer.set_camera(camera)?,
-            Self::Reference(rounds) => *rounds = Rounds::new(reference_settings(settings)),
+            Self::Reference(rounds) => *rounds = Rounds::new(ReferenceSettings::of(settings)),
         }
         Ok(())
     }
@@ -119,12 +119,4 @@ impl<'gpu> Engine<'gpu> {
             Self::Reference(_) => "A CPU path tracer; it does the same for every scene, and has no plan.".to_owned(),
         }
     }
-}
-
-/// Returns the reference's settings for the same picture.
-#[must_use]
-pub fn reference_settings(settings: &Settings) -> ReferenceSettings {
-    let Settings { width, height, samples, seed, camera, .. } = *settings;
-    let bounces = Some(settings.bounces).filter(|&bounces| bounces != UNLIMITED);
-    ReferenceSettings { width, height, samples, bounces, seed, camera }
 }

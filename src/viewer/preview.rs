@@ -7,12 +7,11 @@ use std::time::Duration;
 
 use glam::Vec3;
 
-use super::engine::reference_settings;
 use super::outbox::SharedOutbox;
 use super::render_thread::PaneView;
 use super::request::{Layer, Picture};
 use crate::film::Film;
-use crate::reference::{Features, Reference};
+use crate::reference::{Features, Reference, ReferenceSettings};
 use crate::render::RenderStats;
 
 /// Time after which setting up a renderer takes long.
@@ -40,7 +39,7 @@ pub(super) fn meanwhile<T>(outbox: &SharedOutbox, view: &PaneView, render: impl 
 fn preview(view: &PaneView) -> Picture {
     let mut reference = Reference::new(view.scene);
     reference.look(view.camera.clone());
-    let Features { normal, albedo, .. } = reference.features(&reference_settings(&view.settings));
+    let Features { normal, albedo, .. } = reference.features(&ReferenceSettings::of(&view.settings));
     let back = Vec3::from(view.camera.world_from_camera.z_axis);
     let shade = |(color, normal): (&[f32; 3], &[f32; 3])| {
         (Vec3::from(*color) * (0.4 + 0.6 * back.dot(Vec3::from(*normal)).abs())).to_array()

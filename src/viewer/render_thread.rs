@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
-use super::engine::{Engine, reference_settings};
+use super::engine::Engine;
 use super::outbox::{Note, Outbox, SharedOutbox};
 use super::pace::Pace;
 use super::preview;
@@ -226,7 +226,7 @@ impl<'s> ReferenceCache<'s> {
     fn add_truth_sample(&mut self, camera: &Camera, settings: &Settings) -> &Rounds {
         // The seed differs from that of a pane that the reference itself renders, so that their errors are
         // independent.
-        let wanted = ReferenceSettings { samples: 0, seed: u32::MAX, ..reference_settings(settings) };
+        let wanted = ReferenceSettings { samples: 0, seed: u32::MAX, ..ReferenceSettings::of(settings) };
         self.with_camera(camera);
         if self.truth.as_ref().is_none_or(|(c, s, _)| (c, s) != (camera, &wanted)) {
             self.truth = None;
@@ -599,7 +599,7 @@ impl Worker {
         if pane_state.features.as_ref() == Some(&key) {
             return;
         }
-        let features = reference_cache.with_camera(&view.camera).features(&reference_settings(&view.settings));
+        let features = reference_cache.with_camera(&view.camera).features(&ReferenceSettings::of(&view.settings));
         let picture = Picture {
             request: view.request,
             film: Arc::new(show_feature(features, view.layer)),

@@ -121,7 +121,8 @@ fn look(at: Vec3, along: Vec3) -> Affine3A {
 
 /// Renders a square image by the reference.
 pub fn render(scene: &Scene, side: u32, samples: u32, bounces: Option<u32>) -> ReferenceOutput {
-    let settings = ReferenceSettings { width: side, height: side, samples, bounces, seed: 1, camera: 0 };
+    let settings =
+        ReferenceSettings { width: side, height: side, samples, bounces, specular_bounces: 8, seed: 1, camera: 0 };
     let output = Reference::new(scene).render(&settings, &|_, _| ());
     assert_eq!(output.film.pixels.len(), (side * side) as usize);
     output

@@ -294,7 +294,15 @@ fn known_answers_are_found() {
         for bounces in [Some(0), Some(2), None] {
             // A multiple of 4 pixels puts the shadow's edge between pixels.
             let side = 16;
-            let settings = ReferenceSettings { width: side, height: side, samples: 64, bounces, seed: 7, camera: 0 };
+            let settings = ReferenceSettings {
+                width: side,
+                height: side,
+                samples: 64,
+                bounces,
+                specular_bounces: 8,
+                seed: 7,
+                camera: 0,
+            };
             let output = reference.render(&settings, &|_, _| ());
             let at = |i: usize| {
                 let (x, y) = (i as u32 % side, i as u32 / side);

@@ -964,7 +964,15 @@ fn projected(folder: &Path, emitter: &str) -> impl Fn(f32, f32) -> Vec3 {
         let camera =
             scene::Camera { name: String::new(), world_from_camera: place, projection, lens: None, film_size: None };
         let scene = Scene { cameras: vec![camera], ..scene.clone() };
-        let settings = ReferenceSettings { width: 1, height: 1, samples: 16, bounces: Some(0), seed: 1, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 1,
+            height: 1,
+            samples: 16,
+            bounces: Some(0),
+            specular_bounces: 8,
+            seed: 1,
+            camera: 0,
+        };
         Vec3::from(Reference::new(&scene).render(&settings, &|_, _| ()).film.pixels[0])
     }
 }

@@ -279,7 +279,15 @@ fn scenes() -> Vec<Expected> {
 fn shot(scene: &Scene, samples: u32) -> (Features, lightsheaf::film::Film) {
     let mut reference = Reference::new(scene);
     reference.look(scene.cameras[0].clone());
-    let settings = ReferenceSettings { width: SIDE, height: SIDE, samples, bounces: Some(2), seed: 1, camera: 0 };
+    let settings = ReferenceSettings {
+        width: SIDE,
+        height: SIDE,
+        samples,
+        bounces: Some(2),
+        specular_bounces: 8,
+        seed: 1,
+        camera: 0,
+    };
     (reference.features(&settings), reference.render(&settings, &|_, _| ()).film)
 }
 

@@ -92,7 +92,7 @@ fn caustics_of_points_need_light_paths() {
 #[test]
 fn strategy_images_add_up_with_caustics() {
     let Some(gpu) = gpu() else { return };
-    let whole = settings(Technique::RASTER, SIDE, 8, 2);
+    let whole = Settings { specular_bounces: 0, ..settings(Technique::RASTER, SIDE, 8, 2) };
     let mut renderer = SharedRenderer::new(gpu, &behind_ball(), &whole).unwrap();
     let expected = common::picture(&mut renderer, 8);
     let mut sum = vec![[0.0_f32; 3]; expected.pixels.len()];

@@ -60,11 +60,9 @@ fn pictures(gpu: &Gpu, scene: &Scene, settings: &Settings) -> Vec<Film> {
 
 fn references(scene: &Scene, settings: &Settings, samples: u32) -> Vec<Film> {
     let reference = Reference::new(scene);
-    let Settings { width, height, bounces, camera, .. } = *settings;
     (1..=PICTURES)
         .map(|seed| {
-            let settings =
-                ReferenceSettings { width, height, samples, bounces: Some(bounces), seed: 1000 + seed, camera };
+            let settings = ReferenceSettings { samples, seed: 1000 + seed, ..ReferenceSettings::of(settings) };
             reference.render(&settings, &|_, _| ()).film
         })
         .collect()
@@ -183,6 +181,45 @@ fn transmission_agrees_with_the_reference() {
 
 /// Light passes clear sheets straight on, of a tint the share that is in every colour; the rest is sampled, which `path`
 /// cannot for a sun. One that is as good as off leaves the shaders as they are.
+/// Vertices on glass and mirrors count as no bounces, up to a number: a shell of glass shows the sky with few of them, and is
+/// dark without.
+#[test]
+fn glass_takes_no_bounces() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::shells();
+    for technique in [Technique::PATH, Technique::RAY_QUERY, Technique::RASTER] {
+        let mean = |bounces, specular_bounces| {
+            let settings = Settings { specular_bounces, ..settings(technique, SIDE, 64, bounces) };
+            let film = common::picture(&mut *open(gpu, &scene, &settings).unwrap(), 64);
+            film.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / film.pixels.len() as f64
+        };
+        let (dark, bright) = (mean(1, 0), mean(1, 24));
+        println!("{technique}: {dark} {bright}");
+        assert!((bright - 1.0).abs() < 0.01 && dark < 0.5, "{technique}: {dark} {bright}");
+    }
+}
+
+/// Chains of glass and mirrors before, between and after other surfaces end where those of the reference do.
+#[test]
+fn chains_of_glass_agree_with_the_reference() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::chains();
+    for (bounces, specular_bounces) in [(1, 8), (2, 2), (0, 3)] {
+        let of = |technique, samples| Settings { specular_bounces, ..settings(technique, SIDE, samples, bounces) };
+        let expected = references(&scene, &of(Technique::PATH, 1), 256);
+        for technique in [Technique::PATH, Technique::RAY_QUERY, Technique::RASTER] {
+            let films = pictures(gpu, &scene, &of(technique, 64));
+            let verdict = compare(&films, &expected, Look::Blocks);
+            println!("{bounces} and {specular_bounces}, {technique}: {verdict:?}");
+            assert!(verdict.agrees(), "{bounces} and {specular_bounces}, {technique}: {verdict:?}");
+        }
+        // Without them it is another picture.
+        let none = Settings { specular_bounces: 0, ..of(Technique::PATH, 64) };
+        let verdict = compare(&pictures(gpu, &scene, &none), &expected, Look::Blocks);
+        assert!(!verdict.agrees(), "{verdict:?}");
+    }
+}
+
 #[test]
 fn clear_sheets_agree_with_the_reference() {
     for (name, scene) in [
@@ -377,7 +414,7 @@ fn strategy_images_add_up_to_the_picture() {
     let Some(gpu) = gpu_with_ray_queries() else { return };
     for (name, scene) in [("reflecting", scenes::reflecting()), ("transmitting", scenes::transmitting())] {
         let bounces = 2;
-        let full = settings(Technique::RAY_QUERY, 24, 16, bounces);
+        let full = Settings { specular_bounces: 0, ..settings(Technique::RAY_QUERY, 24, 16, bounces) };
         let (whole, _) = picture(gpu, &scene, &full);
         let mut renderer = PathRenderer::new(gpu, &scene, &full).unwrap();
         let mut sum = vec![[0.0_f64; 3]; whole.pixels.len()];

@@ -2,9 +2,9 @@
 
 use glam::{Affine2, Mat3, Vec2, Vec3};
 use lightsheaf::scene::{
-    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Disney, Distribution, Emission, Film, Filter,
-    Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh, Mix, NormalMap, Opacity, Pattern, Scalar, Scene, Sheen,
-    Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
+    Anisotropy, Boundary, Bsdf, Coat, Color, DiffuseTransmission, Disney, Distribution, Emission, Environment, Film,
+    Filter, Fresnel, Image, Lamp, Lens, Light, Mapping, Material, Mesh, Mix, NormalMap, Opacity, Pattern, Scalar,
+    Scene, Sheen, Sides, SpotFalloff, Texture, TextureRef, Wrap, builtin,
 };
 
 use crate::common::scenes::{add, emitter, floor, inverted, parallel, pinhole, quad, room, sphere};
@@ -331,6 +331,39 @@ pub fn strip_behind_slab(rise: impl Fn([f32; 3]) -> f32) -> Scene {
     let emission = Some(Emission { radiance: Vec3::ONE.into(), two_sided: false });
     let strip = quad(Vec3::new(-1.0, height - 0.01, -2.0), Vec3::X * 2.0, Vec3::Y * 0.02);
     add(&mut scene, strip, Material { emission, ..Material::diffuse("strip", Vec3::ZERO) });
+    scene
+}
+
+/// Returns two hollow balls of clear glass, one in the other, under a sky of 1, which shows in all of them.
+pub fn shells() -> Scene {
+    let mut scene = Scene {
+        cameras: vec![pinhole(Vec3::new(0.0, 0.0, 3.0), Vec3::NEG_Z, 0.6)],
+        environment: Some(Environment { radiance: Vec3::ONE, map: None, world_from_environment: Mat3::IDENTITY }),
+        ..Scene::default()
+    };
+    let white = Vec3::ONE;
+    for (radius, outside) in [(0.95, true), (0.85, false), (0.7, true), (0.6, false)] {
+        let mut mesh = ball(Vec3::ZERO, radius, 3, true);
+        if !outside {
+            // Air is inside.
+            mesh.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
+            mesh.normals.iter_mut().for_each(|normal| *normal = -*normal);
+        }
+        let [reflection, transmission] = [white, white].map(Color::from);
+        let bsdf = Bsdf::Dielectric { alpha: 0.0.into(), eta: 1.5, reflection, transmission };
+        let boundary = Boundary::Volume { absorption: Vec3::ZERO };
+        add(&mut scene, mesh, Material { boundary, ..material(bsdf) });
+    }
+    scene
+}
+
+/// Returns a room with surfaces on which vertices count as no bounces: two mirrors, and a clear and a rough ball of glass,
+/// lit by a lamp that is seen in all of them.
+pub fn chains() -> Scene {
+    let clear = Boundary::Volume { absorption: Vec3::splat(0.3) };
+    let mirror = gltf(0.0, 1.0, 0.0, Boundary::Sheet);
+    let mut scene = balls([mirror.clone(), glass(0.0, 1.5, clear), glass(0.3, 1.3, clear), mirror]);
+    lamp(&mut scene, 3.0, false);
     scene
 }
 

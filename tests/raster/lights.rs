@@ -31,8 +31,15 @@ fn picture(scene: &Scene, technique: Technique, samples: u32, bounces: u32) -> O
     };
     Some(match technique.method {
         Method::Reference => {
-            let settings =
-                ReferenceSettings { width: side, height: side, samples, bounces: Some(bounces), seed: 1, camera: 0 };
+            let settings = ReferenceSettings {
+                width: side,
+                height: side,
+                samples,
+                bounces: Some(bounces),
+                specular_bounces: 8,
+                seed: 1,
+                camera: 0,
+            };
             let output = Reference::new(scene).render(&settings, &|_, _| ());
             (output.film, output.non_finite)
         }

@@ -387,7 +387,15 @@ fn images_do_not_depend_on_threads() {
     add(&mut scene, room(), emitter(0.5, Vec3::splat(0.5), false));
     let on = |threads, seed| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let settings = ReferenceSettings { width: 37, height: 21, samples: 4, bounces: None, seed, camera: 0 };
+        let settings = ReferenceSettings {
+            width: 37,
+            height: 21,
+            samples: 4,
+            bounces: None,
+            specular_bounces: 0,
+            seed,
+            camera: 0,
+        };
         pool.install(|| Reference::new(&scene).render(&settings, &|_, _| ()))
     };
     let one = on(1, 7);
@@ -413,7 +421,8 @@ fn a_planted_nan_is_counted_not_masked() {
 fn empty_scene_and_progress() {
     let scene = scene(pinhole(Vec3::ZERO, Vec3::NEG_Z, 1.0));
     let last = std::sync::Mutex::new((0, 0));
-    let settings = ReferenceSettings { width: 20, height: 17, samples: 1, bounces: None, seed: 0, camera: 0 };
+    let settings =
+        ReferenceSettings { width: 20, height: 17, samples: 1, bounces: None, specular_bounces: 0, seed: 0, camera: 0 };
     let output = Reference::new(&scene).render(&settings, &|done, total| {
         let mut last = last.lock().unwrap();
         *last = (last.0.max(done), total);

@@ -39,8 +39,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=9999), conflicts_with_all = ["frames", "checkpoint", "resume", "strategy_images"], help_heading = ANIMATION)]
     pub(super) turntable: Option<u32>,
     /// Write the contribution of each strategy (s, t) to this folder: weighted by MIS (sS_tT.exr; their sum
-    /// is the image) and unweighted (sS_tT_unweighted.exr). Needs a limited number of bounces. Not available
-    /// with reference
+    /// is the image) and unweighted (sS_tT_unweighted.exr). Needs a limited number of bounces, and sets
+    /// --specular-bounces 0. Not available with reference
     #[arg(long, value_name = "DIR")]
     pub(super) strategy_images: Option<PathBuf>,
     /// Write statistics as JSON: counts, times, settings and the plan

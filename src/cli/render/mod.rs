@@ -91,8 +91,9 @@ fn render_still(
     let View { scene, mut settings, animations } = args.view.load()?;
     if let Some(folder) = &args.strategy_images {
         checks::strategy_images(folder, &settings)?;
-        // Weighted strategy images sum to the unfiltered picture.
+        // Weighted strategy images sum to the unfiltered picture, of paths that are no longer than the bounces.
         settings.interleave.get_or_insert(1);
+        settings.specular_bounces = 0;
     }
     let load = began.elapsed().as_secs_f64();
     let (scene, settings, animations) = (&scene, &settings, &animations);

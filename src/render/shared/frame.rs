@@ -172,7 +172,7 @@ impl Frame {
         if let Some(pass) = &self.passes.list_lengths {
             return pass.record(recording, band, self.views.get(ViewRole::Bundle(0)));
         }
-        for j in 1..=self.plan.bounces + 1 {
+        for j in 1..=self.plan.most_vertices {
             let connections = self.passes.connections.iter().filter(|c| c.connection.j == j);
             for pass in connections.filter(|c| !self.plan.is_apart(&c.connection)) {
                 self.connect(recording, band, pass);

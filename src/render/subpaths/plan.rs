@@ -50,7 +50,8 @@ impl PathPlan {
         let bounces = if settings.bounces == UNLIMITED { ENDLESS } else { settings.bounces };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         // The last light vertex is connected with the camera alone, and not stored.
-        let per_pixel = if bidirectional { u64::from(bounces.max(1)) * size_of::<PathVertex>() as u64 } else { 0 };
+        let stored = (bounces + specular_bounces(stats, settings)).max(1);
+        let per_pixel = if bidirectional { u64::from(stored) * size_of::<PathVertex>() as u64 } else { 0 };
         let fitting = capabilities.max_storage_bytes.checked_div(per_pixel).unwrap_or(u64::MAX);
         let group = fitting.min(pixels).min(MOST_OF_A_GROUP);
         let runs = pixels.div_ceil(group.max(1)) as u32;
@@ -68,6 +69,11 @@ impl PathPlan {
     }
 }
 
+/// Returns the number of vertices on glass and mirrors that may count as no bounces.
+fn specular_bounces(stats: &SceneStats, settings: &Settings) -> u32 {
+    if stats.specular { settings.specular_bounces } else { 0 }
+}
+
 /// Returns the light sampling of the settings; by default a light tree for several local lights or
 /// emitters, otherwise power.
 fn light_sampling(scene: &Scene, stats: &SceneStats, settings: &Settings) -> LightSampling {
@@ -83,6 +89,7 @@ fn flags(stats: &SceneStats, settings: &Settings, light_sampling: LightSampling)
     let transmits = glossy && stats.transmits;
     let own = chosen([
         (Flag::Specular, glossy),
+        (Flag::SpecularBounces, glossy && specular_bounces(stats, settings) > 0),
         (Flag::Transmission, transmits),
         (Flag::Disperses, transmits && stats.disperses),
         (Flag::DiffuseTransmission, transmits && stats.diffuse_transmission),

@@ -4,8 +4,8 @@ use crate::render::layouts;
 use crate::render::layouts::bsdf_model;
 use crate::render::layouts::index::NONE;
 use crate::render::layouts::material_flags::{
-    BECKMANN_FACETS, BLENDED, CLEAR_SHEET, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET, TRANSMITS,
-    TWO_SIDED,
+    BECKMANN_FACETS, BLENDED, CLEAR_SHEET, CULLED, EMITS_TWO_SIDED, FRESNEL_NONE, MASKED, NONLINEAR, SHEET,
+    SPECULAR_SURFACE, TRANSMITS, TWO_SIDED,
 };
 use crate::render::layouts::texture_purpose::{
     OF_ANISOTROPY, OF_BASE, OF_COAT, OF_COAT_NORMAL, OF_COAT_ROUGHNESS, OF_DIFFUSE_TRANSMISSION,
@@ -62,6 +62,9 @@ fn material(m: &Material, scene: &Scene, atlas: &mut Atlas) -> layouts::Material
     }
     if let Some(normal_map) = &m.normal_map {
         atlas.normals(scene, normal_map, OF_NORMAL);
+    }
+    if m.is_specular() {
+        out.flags |= SPECULAR_SURFACE;
     }
     if m.is_clear_sheet() {
         out.flags |= MASKED | CLEAR_SHEET;

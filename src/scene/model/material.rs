@@ -505,6 +505,23 @@ impl Material {
         self.any(&|m| m.bsdf.transmits() || m.diffuse_transmission.is_some())
     }
 
+    /// Returns true if all of the material is glass, or a perfect mirror of metal: what is seen in it, or through it, is seen
+    /// along chains of vertices that may count as no bounces (`Settings::specular_bounces`).
+    #[must_use]
+    pub fn is_specular(&self) -> bool {
+        let is_mirror = |alpha: f32| alpha < SMOOTH;
+        self.plain().iter().all(|m| match &m.bsdf {
+            _ if m.sheen.is_some() || m.diffuse_transmission.is_some() => false,
+            Bsdf::Dielectric { .. } => true,
+            Bsdf::Conductor { alpha, .. } => is_mirror(alpha.factor),
+            Bsdf::MetallicRoughness { metallic, roughness, transmission, .. } => {
+                let is_metal = metallic.factor == 1.0 && metallic.texture.is_none();
+                transmission.factor > 0.5 || (is_metal && is_mirror(roughness.factor.powi(2)))
+            }
+            _ => false,
+        })
+    }
+
     /// Returns true if the material is a clear sheet: thin, perfectly smooth glass of one colour. Light either passes it
     /// straight on or is mirrored, so that a ray may pass it as it passes a blended surface, with the probability of the
     /// share that passes in every colour. Lights behind a window pane are found that way, which sampling its BSDF finds

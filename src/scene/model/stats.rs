@@ -43,6 +43,8 @@ pub struct SceneStats {
     /// Largest share of a material's surface whose lobe is perfectly smooth, by its texels: 1 for mirrors and
     /// clear glass.
     pub smooth_share: f32,
+    /// True if any surface is glass or a perfect mirror ([`Material::is_specular`]).
+    pub specular: bool,
     /// True if no surface reflects or transmits light, as where all materials are unlit.
     pub unlit: bool,
     /// True if any surface transmits light.
@@ -147,6 +149,7 @@ impl SceneStats {
             environment_map: scene.environment.as_ref().is_some_and(|e| e.map.is_some()),
             glossy_triangles: count(&Material::is_glossy),
             smooth_share,
+            specular: count(&Material::is_specular) > 0,
             unlit: count(&|m| m.any(&scatters)) == 0,
             transmits: count(&|m| m.transmits()) > 0,
             disperses: count(&|m| m.any(&|m| m.iors().is_some())) > 0,

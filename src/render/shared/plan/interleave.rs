@@ -3,6 +3,7 @@
 use crate::gpu::Capabilities;
 use crate::render::shared::plan::FramePlan;
 use crate::render::shared::plan::cost::{Cost, Work};
+use crate::render::shared::plan::strategies::Extension;
 use crate::render::shared::plan::views::{PlannedView, ViewRole};
 use crate::scene::SceneStats;
 use crate::settings::{Settings, Strategies};
@@ -52,9 +53,14 @@ impl FramePlan {
         let fills = |role: ViewRole| if role == ViewRole::Candidate(0) { other_candidates } else { 1 };
         let is_filled = |view: &PlannedView| !self.ray_views.answer(view.role) && !kept(view.role);
         let filled: Vec<_> = self.views().into_iter().filter(is_filled).collect();
+        // Few paths are longer than the bounces.
+        let usual = self.most_vertices - self.specular_bounces;
+        let goes_on = |e: &&Extension| e.j < usual || (e.j == usual && e.hits_emitter);
+        let extensions = self.extensions.iter().filter(goes_on).count() as u64;
+        let connections = || self.connections.iter().filter(|c| c.j <= usual);
         let traced = |from_lights: bool| -> u64 {
             let by_rays = if from_lights { self.ray_views.lights } else { self.ray_views.vpls };
-            let connections = self.connections.iter().filter(|c| by_rays && (c.s == 1) == from_lights);
+            let connections = connections().filter(|c| by_rays && (c.s == 1) == from_lights);
             connections.map(|c| u64::from(self.points_connected(c))).sum()
         };
         let traced_to_lights = traced(true) + if self.ray_views.lights { other_candidates } else { 0 };
@@ -65,12 +71,11 @@ impl FramePlan {
             views: filled.iter().map(|view| fills(view.role)).sum(),
             texels: filled.iter().map(|&PlannedView { role, texels }| fills(role) * texels.count()).sum(),
             pixels: self.grid.layer().iter().map(|&side| u64::from(side)).product(),
-            connections: self.connections.iter().map(|c| u64::from(self.points_connected(c))).sum::<u64>()
-                + other_candidates,
-            extensions: self.extensions.len() as u64,
+            connections: connections().map(|c| u64::from(self.points_connected(c))).sum::<u64>() + other_candidates,
+            extensions,
             traced_connections: traced(false) + traced_to_lights,
             traced_to_infinity: if self.light_extents.infinite { traced_to_lights } else { 0 },
-            traced_extensions: if self.ray_views.bundles { self.extensions.len() as u64 } else { 0 },
+            traced_extensions: if self.ray_views.bundles { extensions } else { 0 },
             traces_camera: self.traces_camera,
             glossy: self.glossy(),
             narrow_metals: stats.narrow_metals && !self.own_directions,

@@ -170,8 +170,10 @@ pub struct FramePlan {
     pub tracing: Option<Tracing>,
     /// Node capacity at the start, as a multiple of the usual guess.
     pub list_room: f32,
-    /// Indirect bounces.
-    pub bounces: u32,
+    /// Most vertices of a path between camera and light, those included that count as no bounces.
+    pub most_vertices: u32,
+    /// Those of them on glass and mirrors that may count as no bounces.
+    pub specular_bounces: u32,
     /// The division of the image into pixels that share a light subpath, and into bands that bound the memory
     /// per pixel.
     pub grid: Grid,
@@ -232,7 +234,7 @@ impl FramePlan {
             && settings.visibility_from != VisibilityFrom::Lists;
         let mut plan = Self {
             passes: Vec::new(),
-            surface_flags: vertex_flags(stats, own_directions, caustics),
+            surface_flags: vertex_flags(stats, own_directions, caustics, strategies.specular_bounces > 0),
             light_flags: light_flags(stats),
             light_vertices,
             light_candidates,
@@ -266,7 +268,8 @@ impl FramePlan {
             traces_caustics: caustics && settings.only.is_none_or(|only| only.t == 1),
             tracing: None,
             list_room: settings.list_room,
-            bounces: settings.bounces,
+            most_vertices: strategies.most_vertices(),
+            specular_bounces: strategies.specular_bounces,
             grid: Grid::undivided([settings.width, settings.height], settings.upsample),
             interleave: String::new(),
             cost: Cost::default(),
@@ -499,9 +502,10 @@ fn shared_samples(lit_from_outside: bool, settings: &Settings) -> f32 {
 }
 
 /// Returns the flags of shaders that read surfaces or eye vertices.
-fn vertex_flags(stats: &SceneStats, own_directions: bool, caustics: bool) -> Vec<Flag> {
+fn vertex_flags(stats: &SceneStats, own_directions: bool, caustics: bool, specular_bounces: bool) -> Vec<Flag> {
     let own = chosen([
         (Flag::Specular, own_directions),
+        (Flag::SpecularBounces, specular_bounces),
         (Flag::Transmission, own_directions && stats.transmits),
         (Flag::Disperses, own_directions && stats.disperses),
         (Flag::DiffuseTransmission, own_directions && stats.diffuse_transmission),

@@ -209,8 +209,13 @@ impl FramePlan {
                 () if self.sky_bundles => "; directions follow the environment map",
                 () => "",
             };
-            let beyond = if self.extensions.iter().any(|e| e.last) { "beyond them" } else { "between them" };
-            format!("{} bounces, and hits on emitters {beyond}{directions}", settings.bounces)
+            let beyond =
+                if self.extensions.iter().any(|e| e.j == self.most_vertices) { "beyond them" } else { "between them" };
+            let specular = match self.specular_bounces {
+                0 => String::new(),
+                most => format!(" and up to {most} more of glass and mirrors"),
+            };
+            format!("{} bounces{specular}, and hits on emitters {beyond}{directions}", settings.bounces)
         } else if self.extensions.is_empty() {
             "no connection, and no emitter beyond z1 that counts".to_owned()
         } else {

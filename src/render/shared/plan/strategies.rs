@@ -58,6 +58,8 @@ pub(super) struct StrategySet<'a> {
     pub light_candidates: u32,
     /// True if paths follow mirrors or clear glass.
     smooth: bool,
+    /// Number of vertices on glass and mirrors that may count as no bounces.
+    pub specular_bounces: u32,
 }
 
 impl<'a> StrategySet<'a> {
@@ -76,7 +78,14 @@ impl<'a> StrategySet<'a> {
             _ => most,
         };
         let smooth = settings.draws_own_directions() && stats.smooth_share > 0.0;
-        Self { settings, unlit: stats.unlit, emitters, light_vertices, light_candidates: 1, smooth }
+        let follows = settings.draws_own_directions() && stats.specular && !stats.unlit;
+        let specular_bounces = if follows { settings.specular_bounces } else { 0 };
+        Self { settings, unlit: stats.unlit, emitters, light_vertices, light_candidates: 1, smooth, specular_bounces }
+    }
+
+    /// Returns the most vertices of a path between camera and light.
+    pub fn most_vertices(&self) -> u32 {
+        self.settings.bounces + 1 + self.specular_bounces
     }
 
     /// True unless another strategy is the only one that counts.
@@ -89,7 +98,11 @@ impl<'a> StrategySet<'a> {
     /// "Cost of an iteration"). Light that a mirror reflects is found by s = 0 alone, so that narrow lobes go on
     /// by directions of their own where there are mirrors.
     fn ends_bundles(&self, k: u32) -> bool {
-        k > 1 && k == self.settings.bounces && self.light_vertices > 1 && self.settings.strategies == Strategies::All
+        self.specular_bounces == 0
+            && k > 1
+            && k == self.settings.bounces
+            && self.light_vertices > 1
+            && self.settings.strategies == Strategies::All
     }
 
     /// True if only narrow lobes hit emitters in paths of k bounces.
@@ -97,10 +110,10 @@ impl<'a> StrategySet<'a> {
         self.smooth && self.ends_bundles(k)
     }
 
-    /// Returns the sample counts of s = 0, 1, 2, 3 for paths of k bounces, which have strategies s = 0 ...
-    /// min(light vertices, k + 1).
+    /// Returns the sample counts of s = 0, 1, 2, 3 for paths of k + 1 vertices, which have strategies s = 0 ...
+    /// min(light vertices, k + 1). Those that are longer than the bounces pass glass and mirrors: VPLs take no part.
     fn sample_counts(&self, k: u32) -> [u32; 4] {
-        let most = self.light_vertices.min(k + 1);
+        let most = if k > self.settings.bounces { 1 } else { k + 1 }.min(self.light_vertices);
         std::array::from_fn(|i| {
             let s = i as u32;
             let takes_part = s <= most
@@ -126,10 +139,11 @@ impl<'a> StrategySet<'a> {
 
     /// Returns the connections by eye vertex, then by light vertex.
     pub fn connections(&self) -> Vec<Connection> {
-        let (bounces, paper) = (self.settings.bounces, self.settings.strategies == Strategies::Paper);
-        (1..=bounces + 1)
+        let paper = self.settings.strategies == Strategies::Paper;
+        let most = self.most_vertices();
+        (1..=most)
             .flat_map(|j| (1..=self.light_vertices).map(move |s| (j, s)))
-            .filter(|(j, s)| s + j - 2 <= bounces)
+            .filter(|(j, s)| s + j - 1 <= most)
             .map(|(j, s)| {
                 let k = s + j - 2;
                 let (samples, narrow_only) = (self.sample_counts(k), self.is_narrow_only(k));
@@ -150,13 +164,13 @@ impl<'a> StrategySet<'a> {
     /// Returns the extensions by eye vertex. z_(j+1) exists if a connection needs it or a later extension can
     /// hit an emitter.
     pub fn extensions(&self, connections: &[Connection]) -> Vec<Extension> {
-        let bounces = self.settings.bounces;
+        let most = self.most_vertices();
         let deepest = connections.iter().map(|c| c.j).max().unwrap_or(1);
-        let farthest = (1..=bounces + 1).rev().find(|&j| self.hits_emitter(j)).unwrap_or(0).max(deepest - 1);
+        let farthest = (1..=most).rev().find(|&j| self.hits_emitter(j)).unwrap_or(0).max(deepest - 1);
         (1..=farthest)
             .map(|j| Extension {
                 j,
-                last: j == bounces + 1,
+                last: j == most && self.specular_bounces == 0,
                 hits_emitter: self.hits_emitter(j),
                 samples: self.unweighted(0, self.sample_counts(j - 1)),
                 narrow_only: self.hits_emitter(j) && self.is_narrow_only(j - 1),
