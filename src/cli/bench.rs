@@ -62,8 +62,8 @@ pub struct BenchArgs {
     /// scene has one, otherwise 512x512]
     #[arg(long, value_name = "WxH", value_parser = super::view::parse_size)]
     size: Option<(u32, u32)>,
-    /// Number of indirect bounces, 0 to 64, those on glass and mirrors included. 0 is direct light only. path, reference and peers also accept
-    /// `unlimited`
+    /// Number of indirect bounces, 0 to 64, those on glass and mirrors included. 0 is direct light only. path,
+    /// reference and peers also accept `unlimited`
     #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = parse_bounces, default_value_t = Settings::default().bounces)]
     bounces: u32,
     /// Reference image for each scene, separated by commas. auto renders references once and stores them in

@@ -153,9 +153,7 @@ fn same_bits(film: &Film, expected: &Film) -> Seen {
 }
 
 fn reference(scene: &Scene, settings: &Settings, samples: u32) -> Film {
-    let Settings { width, height, bounces, specular_bounces, camera, .. } = *settings;
-    let settings =
-        ReferenceSettings { width, height, samples, bounces: Some(bounces), specular_bounces, seed: 1, camera };
+    let settings = ReferenceSettings { samples, seed: 1, ..ReferenceSettings::of(settings) };
     Reference::new(scene).render(&settings, &|_, _| ()).film
 }
 

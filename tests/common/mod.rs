@@ -97,8 +97,7 @@ pub fn raster(gpu: &Gpu, scene: &Scene, settings: &Settings) -> (Film, RenderSta
 
 /// Renders by the reference in the same size and depth.
 pub fn reference(scene: &Scene, settings: &Settings, samples: u32, seed: u32) -> Film {
-    let Settings { width, height, bounces, specular_bounces, camera, .. } = *settings;
-    let settings = ReferenceSettings { width, height, samples, bounces: Some(bounces), specular_bounces, seed, camera };
+    let settings = ReferenceSettings { samples, seed, ..ReferenceSettings::of(settings) };
     let output = Reference::new(scene).render(&settings, &|_, _| ());
     assert_eq!(output.non_finite, 0);
     output.film

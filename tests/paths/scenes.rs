@@ -341,7 +341,6 @@ pub fn shells() -> Scene {
         environment: Some(Environment { radiance: Vec3::ONE, map: None, world_from_environment: Mat3::IDENTITY }),
         ..Scene::default()
     };
-    let white = Vec3::ONE;
     for (radius, outside) in [(0.95, true), (0.85, false), (0.7, true), (0.6, false)] {
         let mut mesh = ball(Vec3::ZERO, radius, 3, true);
         if !outside {
@@ -349,8 +348,8 @@ pub fn shells() -> Scene {
             mesh.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
             mesh.normals.iter_mut().for_each(|normal| *normal = -*normal);
         }
-        let [reflection, transmission] = [white, white].map(Color::from);
-        let bsdf = Bsdf::Dielectric { alpha: 0.0.into(), eta: 1.5, reflection, transmission };
+        let white = || Color::from(Vec3::ONE);
+        let bsdf = Bsdf::Dielectric { alpha: 0.0.into(), eta: 1.5, reflection: white(), transmission: white() };
         let boundary = Boundary::Volume { absorption: Vec3::ZERO };
         add(&mut scene, mesh, Material { boundary, ..material(bsdf) });
     }

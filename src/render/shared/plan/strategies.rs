@@ -96,7 +96,8 @@ impl<'a> StrategySet<'a> {
     /// True if bundles do not look for emitters in paths of k bounces. After the last of several bounces that
     /// takes a bundle and a third of all look-ups, and light subpaths sample the same paths (docs/journal.md,
     /// "Cost of an iteration"). Light that a mirror reflects is found by s = 0 alone, so that narrow lobes go on
-    /// by directions of their own where there are mirrors.
+    /// by directions of their own where there are mirrors. Where vertices may count as no bounces, those pixels go on whose
+    /// path has one, so that the last bounce is not the same for all.
     fn ends_bundles(&self, k: u32) -> bool {
         self.specular_bounces == 0
             && k > 1
