@@ -125,6 +125,9 @@ impl Reference<'_> {
                 break;
             };
             let mut surface = self.surfaces.at(&hit, direction, bits);
+            if vertex == 0 {
+                surface = surface.seen_along(-direction);
+            }
             surface.channel = channel;
             let [here, beyond] = surface.media(medium);
             throughput *= transmittance(here, hit.t);

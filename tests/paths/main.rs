@@ -220,6 +220,25 @@ fn chains_of_glass_agree_with_the_reference() {
     }
 }
 
+/// Shading normals that face away from the camera are bent by all strategies alike, light tracing among them. Without its shading
+/// normals the scene is another one.
+#[test]
+fn silhouettes_of_coarse_meshes_agree_with_the_reference() {
+    let Some(gpu) = gpu_with_ray_queries() else { return };
+    let scene = scenes::coarse();
+    let of = |technique| settings(technique, SIDE, 64, 1);
+    let expected = references(&scene, &of(Technique::PATH), 128);
+    for technique in [Technique::PATH, Technique::RAY_QUERY, Technique::RASTER] {
+        let verdict = compare(&pictures(gpu, &scene, &of(technique)), &expected, Look::Blocks);
+        println!("{technique}: {verdict:?}");
+        assert!(verdict.agrees(), "{technique}: {verdict:?}");
+    }
+    let mut flat = scene;
+    flat.meshes.iter_mut().for_each(|mesh| mesh.normals.clear());
+    let verdict = compare(&pictures(gpu, &flat, &of(Technique::PATH)), &expected, Look::Blocks);
+    assert!(!verdict.agrees(), "{verdict:?}");
+}
+
 #[test]
 fn clear_sheets_agree_with_the_reference() {
     for (name, scene) in [

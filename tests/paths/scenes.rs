@@ -79,6 +79,16 @@ fn lamp(scene: &mut Scene, strength: f32, two_sided: bool) {
     add(scene, shape, Material { emission, sides: Sides::One, ..Material::diffuse("lamp", Vec3::splat(0.3)) });
 }
 
+/// Returns the same with balls of few triangles, at whose silhouettes shading normals face away from the camera.
+pub fn coarse() -> Scene {
+    let mut scene = reflecting();
+    for mesh in scene.meshes.iter_mut().filter(|mesh| !mesh.normals.is_empty()) {
+        let center = mesh.positions.iter().sum::<Vec3>() / mesh.positions.len() as f32;
+        *mesh = ball(center, mesh.positions[0].distance(center), 0, true);
+    }
+    scene
+}
+
 /// Returns rough plastic and metal and glTF's mixture, with a spot, a point light and a two-sided emitter.
 pub fn reflecting() -> Scene {
     let gold = Fresnel::Conductor { eta: Vec3::new(0.2, 0.4, 1.4), k: Vec3::new(3.9, 2.4, 1.6) };

@@ -309,11 +309,19 @@ fn shading_normals_that_differ_from_geometric_ones() {
         assert!((actual[0] - f64::from(0.5 / PI * cos)).abs() < 1e-5, "{towards}: {actual:?}");
     }
     // Seen from below, both normals flip: the cosine is that of the flipped shading normal.
-    let mut scene = scene(parallel(Vec3::NEG_Y, Vec3::Y, 1e-3));
-    add(&mut scene, mesh, Material::diffuse("floor", Vec3::ONE));
-    scene.lights = vec![Light::Directional { direction: Vec3::new(0.6, 0.8, 0.0), irradiance: Vec3::ONE }];
-    let Some(actual) = mean(&scene, &settings(2, 4, 0)) else { return };
+    let mut below = scene(parallel(Vec3::NEG_Y, Vec3::Y, 1e-3));
+    add(&mut below, mesh.clone(), Material::diffuse("floor", Vec3::ONE));
+    below.lights = vec![Light::Directional { direction: Vec3::new(0.6, 0.8, 0.0), irradiance: Vec3::ONE }];
+    let Some(actual) = mean(&below, &settings(2, 4, 0)) else { return };
     close("from below", actual[0], f64::from(tilted.dot(Vec3::new(0.6, 0.8, 0.0)) / PI), EXACT);
+    // The camera sees the floor from behind the shading normal, which is bent until it faces the camera.
+    let to_camera = Vec3::new(-0.99, 0.14, 0.0).normalize();
+    let bent = (tilted + to_camera * (0.01 - tilted.dot(to_camera))).normalize();
+    let mut scene = scene(parallel(to_camera, -to_camera, 1e-3));
+    add(&mut scene, mesh, Material::diffuse("floor", Vec3::ONE));
+    scene.lights = vec![Light::Directional { direction: Vec3::new(-0.6, -0.8, 0.0), irradiance: Vec3::ONE }];
+    let Some(actual) = mean(&scene, &settings(2, 4, 0)) else { return };
+    close("from behind", actual[0], f64::from(bent.dot(Vec3::new(0.6, 0.8, 0.0)) / PI), EXACT);
 }
 
 /// A normal map of one texel that leans 30 degrees towards +u gives the same cosine as vertex normals would.

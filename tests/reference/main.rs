@@ -289,10 +289,17 @@ fn shading_normals_that_differ_from_geometric_ones() {
         }
     }
     // Seen from below, both normals flip: the cosine is that of the flipped shading normal.
-    let mut scene = scene(parallel(Vec3::NEG_Y, Vec3::Y, 1e-3));
+    let mut below = scene(parallel(Vec3::NEG_Y, Vec3::Y, 1e-3));
+    add(&mut below, mesh.clone(), Material::diffuse("floor", Vec3::ONE));
+    below.lights = vec![Light::Directional { direction: Vec3::new(0.6, 0.8, 0.0), irradiance: Vec3::ONE }];
+    close(mean(&render(&below, 2, 4, Some(0)))[0], f64::from(tilted.dot(Vec3::new(0.6, 0.8, 0.0)) / PI), 1e-3);
+    // The camera sees the floor from behind the shading normal, which is bent until it faces the camera.
+    let to_camera = Vec3::new(-0.99, 0.14, 0.0).normalize();
+    let bent = (tilted + to_camera * (0.01 - tilted.dot(to_camera))).normalize();
+    let mut scene = scene(parallel(to_camera, -to_camera, 1e-3));
     add(&mut scene, mesh, Material::diffuse("floor", Vec3::ONE));
-    scene.lights = vec![Light::Directional { direction: Vec3::new(0.6, 0.8, 0.0), irradiance: Vec3::ONE }];
-    close(mean(&render(&scene, 2, 4, Some(0)))[0], f64::from(tilted.dot(Vec3::new(0.6, 0.8, 0.0)) / PI), 1e-3);
+    scene.lights = vec![Light::Directional { direction: Vec3::new(-0.6, -0.8, 0.0), irradiance: Vec3::ONE }];
+    close(mean(&render(&scene, 2, 4, Some(0)))[0], f64::from(bent.dot(Vec3::new(0.6, 0.8, 0.0)) / PI), 1e-3);
 }
 
 /// A normal map of one texel that leans 30 degrees towards +u gives the same cosine as vertex normals would.
