@@ -38,7 +38,6 @@ use rayon::iter::{IndexedParallelIterator as _, IntoParallelIterator as _, Paral
 use crate::crop::Crop;
 use crate::film::Film;
 use crate::scene::{Camera, Geometry, Material, Scene, Sides};
-use crate::settings::{Settings, UNLIMITED};
 
 use self::bvh::{Bvh, Hit, NONE};
 pub use self::features::Features;
@@ -71,16 +70,6 @@ pub struct ReferenceSettings {
     pub seed: u32,
     /// Index into the scene's cameras.
     pub camera: usize,
-}
-
-impl ReferenceSettings {
-    /// Returns the settings of the same picture.
-    #[must_use]
-    pub fn of(settings: &Settings) -> Self {
-        let Settings { width, height, samples, specular_bounces, seed, camera, .. } = *settings;
-        let bounces = Some(settings.bounces).filter(|&bounces| bounces != UNLIMITED);
-        Self { width, height, samples, bounces, specular_bounces, seed, camera }
-    }
 }
 
 /// Result of rendering.

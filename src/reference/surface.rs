@@ -88,7 +88,7 @@ pub struct Surface<'s> {
 const LEAST_FACING: f32 = 0.01;
 
 /// Returns a unit normal, bent towards a unit direction until it faces it.
-fn facing(normal: Vec3, w: Vec3) -> Vec3 {
+fn turned_towards(normal: Vec3, w: Vec3) -> Vec3 {
     let cosine = normal.dot(w);
     if cosine >= LEAST_FACING { normal } else { (normal + w * (LEAST_FACING - cosine)).normalize() }
 }
@@ -98,14 +98,10 @@ impl Surface<'_> {
     /// and in normal maps, shading normals face away from the camera, which would be black: they are bent until they face it.
     #[must_use]
     pub fn seen_along(self, wo: Vec3) -> Self {
-        let normal = facing(self.frame.z, wo);
-        let stretched = (self.anisotropy > 0.0).then(|| Frame::along(normal, self.frame.x)).flatten();
-        let frame = match stretched {
-            _ if normal == self.frame.z => self.frame,
-            Some(frame) => frame,
-            None => Frame::new(normal),
-        };
-        Self { frame, coat_normal: facing(self.coat_normal, wo), ..self }
+        let normal = turned_towards(self.frame.z, wo);
+        let stretched = || Frame::along(normal, self.frame.x).filter(|_| self.anisotropy > 0.0);
+        let frame = if normal == self.frame.z { self.frame } else { stretched().unwrap_or_else(|| Frame::new(normal)) };
+        Self { frame, coat_normal: turned_towards(self.coat_normal, wo), ..self }
     }
 
     /// Returns true if rays pass the surface by what it transmits in every colour.

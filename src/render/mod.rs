@@ -16,6 +16,7 @@ pub mod layouts;
 pub mod lights;
 pub mod planned_pass;
 pub mod recording;
+mod reference_settings;
 pub mod renderer;
 pub mod sampler;
 mod scene_flags;

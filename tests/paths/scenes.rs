@@ -79,7 +79,7 @@ fn lamp(scene: &mut Scene, strength: f32, two_sided: bool) {
     add(scene, shape, Material { emission, sides: Sides::One, ..Material::diffuse("lamp", Vec3::splat(0.3)) });
 }
 
-/// Returns the same with balls of few triangles, at whose silhouettes shading normals face away from the camera.
+/// Returns the scene of [`reflecting`] with balls of few triangles, at whose silhouettes shading normals face away from the camera.
 pub fn coarse() -> Scene {
     let mut scene = reflecting();
     for mesh in scene.meshes.iter_mut().filter(|mesh| !mesh.normals.is_empty()) {
