@@ -18,10 +18,6 @@ for component in rustfmt clippy; do
     rustup component add "$component"
 done
 
-# Mesa takes shaders from its cache, whatever the width of vectors that it runs with now (LP_NATIVE_VECTOR_WIDTH): those of another
-# width end the process, or give wrong pictures. So the tests' shaders lie apart from those of other programs, by width.
-export MESA_SHADER_CACHE_DIR=$PWD/target/mesa
-
 step() {
     printf '\n== %s\n' "$*"
     local began=$SECONDS
@@ -41,10 +37,8 @@ run_job() {
     log=$(mktemp)
     # Most tests compile many variants of shaders for pictures of few pixels each. For them software Vulkan leaves out LLVM's
     # optimizations: with a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs
-    # 0.7, but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46. And it has four threads in
-    # step in place of eight, for which shaders are shorter: 0.79 of the processor's time for tests of paths and of raster.
-    [[ $job == raster_statistics ]] ||
-        export GALLIVM_PERF=nopt LP_NATIVE_VECTOR_WIDTH=128 MESA_SHADER_CACHE_DIR=$MESA_SHADER_CACHE_DIR-128
+    # 0.7, but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
+    [[ $job == raster_statistics ]] || export GALLIVM_PERF=nopt
     case $job in
         units) cargo test --locked --lib --bins ;;
         second_driver) second_driver ;;

@@ -20,7 +20,7 @@ const TARGETS: [f64; 2] = [0.02, 0.003];
 
 fn settings(seed: u32, interleave: u32) -> Settings {
     let target_error = (interleave > 1).then_some(TARGETS[0]);
-    Settings { width: 64, height: 64, seed, interleave: Some(interleave), target_error, ..Settings::plain() }
+    Settings { width: 48, height: 48, seed, interleave: Some(interleave), target_error, ..Settings::plain() }
 }
 
 /// Target, estimate and true error at the end of a render.

@@ -450,11 +450,11 @@ fn the_sky_through_a_window() {
         assert_eq!(renderer.stats().non_finite, 0);
         renderer.film().unwrap()
     };
-    let (expected, _) = picture(&scene, Technique::REFERENCE, 16384, 3).unwrap();
+    let (expected, _) = picture(&scene, Technique::REFERENCE, 8192, 3).unwrap();
     let small = |s: Settings| Settings { width: 8, height: 8, bounces: 3, ..s };
     // Each seed is off by some 7 %, since all pixels share their light.
     let films: Vec<Film> =
-        (0..8).map(|seed| of(Settings { seed, samples: 1024, ..small(settings(Technique::RASTER)) }, true)).collect();
+        (0..8).map(|seed| of(Settings { seed, samples: 128, ..small(settings(Technique::RASTER)) }, true)).collect();
     assert_right_in_the_mean("the sky", &films, &expected);
     if let Some(rays) = gpu_with_ray_queries() {
         let mut twin = SharedRenderer::new(rays, &scene, &small(settings(Technique::TWIN))).unwrap();
@@ -484,8 +484,8 @@ fn a_sun_through_a_window() {
         let mut scene = room_with_a_window();
         let direction = Vec3::new(0.3, -0.5, -0.8).normalize();
         scene.lights = vec![Light::Sun { direction, irradiance: Vec3::splat(30.0), angle, of_sky: false }];
-        let (expected, _) = picture(&scene, Technique::REFERENCE, 16384, 3).unwrap();
-        let settings = Settings { width: 8, height: 8, bounces: 3, samples: 512, ..Settings::plain() };
+        let (expected, _) = picture(&scene, Technique::REFERENCE, 8192, 3).unwrap();
+        let settings = Settings { width: 8, height: 8, bounces: 3, samples: 160, ..Settings::plain() };
         let settings = Settings { technique: Technique::RASTER, ..settings };
         let of = |seed| {
             let mut renderer = SharedRenderer::new(gpu, &scene, &Settings { seed, ..settings.clone() }).unwrap();
