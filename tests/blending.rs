@@ -113,7 +113,7 @@ fn sheets_dim_what_is_behind() {
 fn sheets_cast_partial_shadows() {
     let scene = lit_sheets(0.5);
     for method in METHODS {
-        let Some(films) = pictures(&scene, &settings(method, 64, 0)) else { return };
+        let Some(films) = pictures(&scene, &settings(method, 32, 0)) else { return };
         agree(&format!("{method}"), &against(&films, PASSING));
         differ("light x 0.95", &against(&films, 0.95 * PASSING));
     }
@@ -124,7 +124,7 @@ fn sheets_cast_partial_shadows() {
 fn ways_there_and_back_are_independent() {
     let scene = lit_sheets(5.0);
     for method in METHODS {
-        let Some(films) = pictures(&scene, &settings(method, 128, 0)) else { return };
+        let Some(films) = pictures(&scene, &settings(method, 64, 0)) else { return };
         agree(&format!("{method}"), &against(&films, PASSING * PASSING));
         differ("a decision that both ways share", &against(&films, PASSING));
     }
@@ -144,7 +144,8 @@ fn emitters_emit_as_they_are_hit() {
     add(&mut scene, room(), Material { emission, ..black(0.5) });
     add(&mut scene, floor(0.2, 0.0), Material::diffuse("floor", Vec3::ONE));
     for method in METHODS {
-        let Some(films) = pictures(&scene, &settings(method, 128, 0)) else { return };
+        let samples = if method.shares_subpaths() { 64 } else { 16 };
+        let Some(films) = pictures(&scene, &settings(method, samples, 0)) else { return };
         agree(&format!("{method}"), &against(&films, 0.5));
     }
 }

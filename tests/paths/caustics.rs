@@ -51,12 +51,12 @@ fn shared_finds_the_caustics_of_bdpt() {
     let mut absorbing_and_rough = scenes::transmitting();
     absorbing_and_rough.cameras.truncate(1);
     for (name, scene, samples) in [
-        ("a lamp through a ball", behind_ball(), [16, 12]),
-        ("the same through a lens", lens, [16, 12]),
+        ("a lamp through a ball", behind_ball(), [12, 9]),
+        ("the same through a lens", lens, [12, 9]),
         ("a lamp through a ball that disperses light", behind_dispersive_ball(), [24, 24]),
-        ("a point through a ball", behind_ball_and_point(), [16, 12]),
+        ("a point through a ball", behind_ball_and_point(), [8, 6]),
         ("a spot in a mirror, in a parallel projection", scenes::mirrored_light(), [8, 8]),
-        ("glass of all kinds", absorbing_and_rough, [32, 16]),
+        ("glass of all kinds", absorbing_and_rough, [16, 8]),
     ] {
         let of = |technique, samples| {
             let mut renderer = open(gpu, &scene, &settings(technique, 64, 1, 3)).unwrap();

@@ -42,7 +42,7 @@ impl End {
 fn truth(gpu: &Gpu, name: &'static str) -> Arc<Film> {
     static FILMS: Mutex<BTreeMap<&str, Arc<Film>>> = Mutex::new(BTreeMap::new());
     let mut films = FILMS.lock().unwrap_or_else(PoisonError::into_inner);
-    let render = || raster(gpu, &builtin::load(name).unwrap(), &Settings { samples: 1024, ..settings(77, 1) }).0;
+    let render = || raster(gpu, &builtin::load(name).unwrap(), &Settings { samples: 512, ..settings(77, 1) }).0;
     films.entry(name).or_insert_with(|| Arc::new(render())).clone()
 }
 

@@ -485,7 +485,7 @@ fn a_sun_through_a_window() {
         let direction = Vec3::new(0.3, -0.5, -0.8).normalize();
         scene.lights = vec![Light::Sun { direction, irradiance: Vec3::splat(30.0), angle, of_sky: false }];
         let (expected, _) = picture(&scene, Technique::REFERENCE, 8192, 3).unwrap();
-        let settings = Settings { width: 8, height: 8, bounces: 3, samples: 160, ..Settings::plain() };
+        let settings = Settings { width: 8, height: 8, bounces: 3, samples: 192, ..Settings::plain() };
         let settings = Settings { technique: Technique::RASTER, ..settings };
         let of = |seed| {
             let mut renderer = SharedRenderer::new(gpu, &scene, &Settings { seed, ..settings.clone() }).unwrap();

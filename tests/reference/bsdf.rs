@@ -242,20 +242,22 @@ const EVEN: Warp = Warp { frame: Frame::UP, k: 1e6 };
 /// bin. `scale` falsifies the density.
 fn chi_square(bsdf: &Layered, wo: Vec3, warps: [Warp; 2], seed: u64, scale: f64) -> (f64, f64) {
     let (side, count) = (48, 200_000);
-    // Warped bins follow the lobe; uniform ones have to resolve it.
-    let fine = if warps[0].k < 1.0 { 12 } else { 24 };
+    // Warped bins follow the lobe; uniform ones have to resolve it, along the height above all.
+    let fine = if warps[0].k < 1.0 { [12, 12] } else { [24, 8] };
+    let points = fine[0] * fine[1];
     let bins = side * side;
     let mut expected = vec![0.0; 2 * bins];
     for (bin, expected) in expected.iter_mut().enumerate() {
         let (half, bin) = (bin / bins, bin % bins);
-        for i in 0..fine * fine {
-            let at = |bin: usize, i: usize| (bin as f64 + (i as f64 + 0.5) / fine as f64) / side as f64;
-            let (wi, solid_angle) = warps[half].direction(at(bin / side, i / fine), at(bin % side, i % fine));
+        for i in 0..points {
+            let at = |bin: usize, i: usize, fine: usize| (bin as f64 + (i as f64 + 0.5) / fine as f64) / side as f64;
+            let [row, column] = [at(bin / side, i / fine[1], fine[0]), at(bin % side, i % fine[1], fine[1])];
+            let (wi, solid_angle) = warps[half].direction(row, column);
             if usize::from(wi.z < 0.0) == half {
                 *expected += f64::from(bsdf.evaluate(wo, wi).1) * solid_angle;
             }
         }
-        *expected *= f64::from(count) * scale / (bins * fine * fine) as f64;
+        *expected *= f64::from(count) * scale / (bins * points) as f64;
     }
     let astray = (f64::from(count) - expected.iter().sum::<f64>()).max(0.0);
     let mut met = vec![0.0; 2 * bins];
@@ -396,7 +398,7 @@ fn furnace(bsdf: &Layered, wo: Vec3, warps: [Warp; 2], bend: f32) -> [[f64; 3]; 
         }
     }
     let mut integrated = [0.0_f64; 3];
-    let (rows, columns) = (1200, 600);
+    let (rows, columns) = (1200, 300);
     for (half, warp) in warps.iter().enumerate() {
         for i in 0..rows * columns {
             let [row, column] = [i / columns, i % columns].map(|i| f64::from(i) + 0.5);
