@@ -210,9 +210,18 @@ fn mesh_seeds() -> Vec<Seed> {
         f 1/1/1 2/2/1 3/1/1 4/2/1\nusemtl glass\nf -1 -2 -3\n";
     let mtl = "newmtl wood\nKd 0.5 0.4 0.3\nKs 0.2 0.2 0.2\nNs 40\nillum 2\nmap_Kd -s 1 1 1 wood.png\nmap_d wood.png\nd 0.5\n\
         newmtl glass\nKd 0 0 0\nKe 1 2 3\nmap_Ke wood.png\nNi 1.5\nTf 0.9 0.9 1\nillum 7\nPr 0.5\nPm 1\n";
+    let stl = "solid part\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+        endsolid part\n";
+    let mut bytes = vec![0; 80];
+    bytes.extend(1_u32.to_le_bytes());
+    bytes.extend(floats(&[0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1., 0.]));
+    bytes.extend([0; 2]);
     vec![
         vec![("box.obj", obj.into()), ("box.mtl", mtl.into()), ("wood.png", png())],
         vec![("scan.ply", format!("{PLY}0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n").into())],
+        vec![("strip.ply", format!("{}0 0 0\n1 0 0\n0 1 0\n4 0 1 2 -1\n", PLY.replace("face", "tristrips")).into())],
+        vec![("text.stl", stl.into())],
+        vec![("bytes.stl", bytes)],
     ]
 }
 

@@ -1,4 +1,4 @@
-//! Tests of mesh files that are opened as scenes: OBJ with its materials, and PLY.
+//! Tests of mesh files that are opened as scenes: OBJ with its materials, PLY, and STL.
 
 use std::path::Path;
 
@@ -78,10 +78,87 @@ fn ply_files_have_their_colours() {
     let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
         property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
         property list uchar int vertex_indices\nend_header\n";
-    let bytes = format!("{header}0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 255 0 0\n3 0 1 2\n");
+    let bytes = format!("{header}0 0 0 255 0 0\n1 0 0 188 0 0\n0 1 0 255 0 0\n3 0 1 2\n");
     let scene = scene::load_bytes("scan.ply", bytes.as_bytes(), &|_| None).unwrap();
     assert_eq!((scene.meshes[0].colors[0].truncate(), scene.meshes[0].normals[0]), (Vec3::X, Vec3::Z));
+    // Colours are written as they are shown: 188 of 255 is half the light.
+    assert!((scene.meshes[0].colors[1].x - 0.5).abs() < 0.01, "{:?}", scene.meshes[0].colors);
     assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { reflectance } if reflectance == Vec3::ONE.into()));
+}
+
+/// A strip of five corners and one of three: of each, every second triangle is wound the other way, so that all look up.
+#[test]
+fn ply_files_may_have_strips() {
+    let header = |vertices, elements: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+             {elements}end_header\n"
+        )
+    };
+    let strips = "element tristrips 1\nproperty list int int vertex_indices\n";
+    let corners = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n";
+    let load = |text: String| scene::load_bytes("scan.ply", text.as_bytes(), &|_| None);
+    let scene = load(format!("{}{corners}9 0 1 2 3 4 -1 0 1 2\n", header(5, strips))).unwrap();
+    assert_eq!(scene.meshes[0].triangles, [[0, 1, 2], [2, 1, 3], [2, 3, 4], [0, 1, 2]]);
+    assert!(scene.meshes[0].normals.iter().all(|n| n.abs_diff_eq(Vec3::Z, 1e-6)), "{:?}", scene.meshes[0].normals);
+    let error = load(format!("{}{corners}3 0 1 5\n", header(5, strips))).unwrap_err().to_string();
+    assert!(error.contains("vertex 5 of 5"), "{error}");
+    // Points are told from files without anything.
+    let points = load(format!("{}{corners}", header(5, ""))).unwrap();
+    assert!(points.warnings.iter().any(|w| w.contains("5 points and no faces")), "{:?}", points.warnings);
+}
+
+#[test]
+fn obj_files_have_their_colours() {
+    let load = |text: &str| scene::load_bytes("scan.obj", text.as_bytes(), &|_| None).unwrap();
+    let scene = load("v 0 0 0 1 0 0\nv 1 0 0 0.735357 0 0\nv 0 1 0\nf 1 2 3\n");
+    let colors: Vec<_> = scene.meshes[0].colors.iter().map(|c| c.truncate()).collect();
+    assert!(colors[1].abs_diff_eq(Vec3::X * 0.5, 1e-4) && [colors[0], colors[2]] == [Vec3::X, Vec3::ONE], "{colors:?}");
+    assert!(matches!(scene.materials[0].bsdf, Bsdf::Diffuse { reflectance } if reflectance == Vec3::ONE.into()));
+    // A fourth number is a weight.
+    assert!(load("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n").meshes[0].colors.is_empty());
+}
+
+/// The same two triangles as text and as bytes, of which the header begins as text does: z points up, and corners are shared.
+#[test]
+fn stl_files_of_both_kinds_are_the_same_mesh() {
+    let corners = [[0.0, 0.0, 0.0_f32], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]];
+    let facets = [[0, 1, 2], [0, 2, 3]];
+    let facet = |facet: &[usize; 3]| {
+        let lines = facet.map(|i| format!("vertex {} {} {}\n", corners[i][0], corners[i][1], corners[i][2]));
+        format!("facet normal 0 -1 0\nouter loop\n{}endloop\nendfacet\n", lines.concat())
+    };
+    // Files of several solids are a mesh, and names may be missing.
+    let solid = |f: &[usize; 3]| format!("solid\n{}endsolid\n", facet(f));
+    let ascii = facets.iter().map(solid).collect::<String>();
+    let mut binary = b"solid of a program that writes bytes".to_vec();
+    binary.resize(80, b' ');
+    binary.extend(2_u32.to_le_bytes());
+    for facet in &facets {
+        binary.extend([0; 12]);
+        binary.extend(facet.iter().flat_map(|&i| corners[i]).flat_map(f32::to_le_bytes));
+        binary.extend([0; 2]);
+    }
+    let load = |bytes: &[u8]| scene::load_bytes("part.stl", bytes, &|_| None);
+    for bytes in [ascii.as_bytes(), &binary] {
+        let scene = load(bytes).unwrap_or_else(|e| panic!("{e}"));
+        let mesh = &scene.meshes[0];
+        assert_eq!(mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::NEG_X]);
+        assert!(mesh.triangles == facets.map(|f| f.map(|i| i as u32)) && mesh.normals.is_empty());
+        assert_eq!(scene.materials[0].sides, Sides::Two);
+    }
+    for (bytes, cause) in [
+        (&binary[..120], "promises 2 triangles"),
+        (b"solid a\nfacet normal 0 0 1\nvertex 0 0\n", "line 3: 3 numbers are expected, not 2"),
+        (b"solid a\nvertex 0 0 inf\nvertex 0 0 1\nvertex 0 1 0\nendfacet\n", "not finite"),
+        (b"solid a\nvertex 0 0 0\nendfacet\n", "a facet with 1 corners"),
+        (b"solid a\nvertex 0 0 0\n", "truncated"),
+        (b"solid a\nvertices\n", "`vertices` is no part"),
+        (b"not a mesh", "begins with `solid`"),
+    ] {
+        let error = load(bytes).unwrap_err().to_string();
+        assert!(error.contains(cause), "{error}");
+    }
 }
 
 /// A Cornell box of an archive: its own lamp is its light, a sphere mirrors and another one refracts.

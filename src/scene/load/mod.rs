@@ -28,7 +28,7 @@ pub struct Format {
 }
 
 /// All kinds of scene files.
-pub const FORMATS: [Format; 4] = [
+pub const FORMATS: [Format; 5] = [
     Format { endings: &["gltf", "glb"], about: "glTF 2.0, data embedded or in files beside it", load: gltf::load },
     Format {
         endings: &["xml"],
@@ -37,7 +37,7 @@ pub const FORMATS: [Format; 4] = [
     },
     Format {
         endings: &["obj"],
-        about: "Wavefront OBJ with its materials",
+        about: "Wavefront OBJ with its materials and vertex colours",
         load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_obj(path, files)),
     },
     Format {
@@ -45,9 +45,14 @@ pub const FORMATS: [Format; 4] = [
         about: "PLY with its vertex colours",
         load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_ply(path, files)),
     },
+    Format {
+        endings: &["stl"],
+        about: "STL, ASCII and binary",
+        load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_stl(path, files)),
+    },
 ];
 
-/// Returns the endings of all scene files: `.gltf, .glb, .xml, .obj, .ply`.
+/// Returns the endings of all scene files: `.gltf, .glb, .xml, .obj, .ply, .stl`.
 #[must_use]
 pub fn endings() -> String {
     let endings = FORMATS.iter().flat_map(|format| format.endings);

@@ -59,7 +59,12 @@ impl<'a> File<'a> {
             let cause = cause.split(" at line ").next().unwrap_or(&cause);
             LoadError::at(path, format!("line {} column {}", e.line(), e.column()), format!("not valid glTF: {cause}"))
         };
-        let mut root = parse(text).map_err(invalid)?;
+        let mut root = parse(text).map_err(|e| {
+            if is_of_version_one(text) {
+                return LoadError::new(path, "glTF version 1.0 is not supported: convert the file to glTF 2.0");
+            }
+            invalid(e)
+        })?;
         let normal_maps = parse_normal_maps(text).map_err(invalid)?;
         let profiles = Profiles::parse(text).map_err(invalid)?;
         let instancing = Instancing::parse(text).map_err(invalid)?;
@@ -263,6 +268,12 @@ fn parse(text: &[u8]) -> Result<json::Root, serde_json::Error> {
         }
         if patched { serde_json::from_value(value).map_err(|_| error) } else { Err(error) }
     })
+}
+
+/// True for glTF 1.0, which names the entries of its lists.
+fn is_of_version_one(text: &[u8]) -> bool {
+    let root: serde_json::Value = serde_json::from_slice(text).unwrap_or_default();
+    root["meshes"].is_object() || root["asset"]["version"].as_str().is_some_and(|version| version.starts_with('1'))
 }
 
 /// Lets textures whose images have the same data refer to the first of these, so that it is decoded once.

@@ -1,4 +1,4 @@
-//! Meshes, as files of their own and as parts of scenes: Wavefront OBJ with its materials, and PLY.
+//! Meshes, as files of their own and as parts of scenes: Wavefront OBJ with its materials, PLY, and STL.
 //!
 //! As scenes they have neither cameras nor, mostly, light, which staging adds. Their surfaces have two sides, since programs
 //! wind triangles either way.
@@ -10,11 +10,13 @@ use glam::{Affine3A, Vec3};
 use super::files::Files;
 use crate::scene::model::normals::smooth_normals;
 use crate::scene::model::tangents;
+use crate::scene::model::texture::linear_from_srgb;
 use crate::scene::{Instance, LoadError, Material, Mesh, Scene, Sides};
 
 mod mtl;
 pub(super) mod obj;
 pub(super) mod ply;
+mod stl;
 
 /// Reflectance of surfaces whose file says nothing of it.
 const GREY: f32 = 0.6;
@@ -28,8 +30,9 @@ pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     // v points up in the file.
     mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     face_along_normals(&mut mesh);
+    decode_colors(&mut mesh);
     let mut scene = Scene::default();
-    let mut library = mtl::Library::default();
+    let mut library = mtl::Library::new(reflectance_without_material(&mesh));
     for name in &libraries {
         library.read(path, name, files, &mut scene)?;
     }
@@ -51,11 +54,41 @@ pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
     }
     face_along_normals(&mut mesh);
+    decode_colors(&mut mesh);
     let mut scene = Scene::default();
-    let reflectance = if mesh.colors.is_empty() { GREY } else { 1.0 };
-    scene.materials.push(plain("mesh", Vec3::splat(reflectance)));
+    if mesh.triangles.is_empty() && !mesh.positions.is_empty() {
+        let points = mesh.positions.len();
+        scene.warn(format!(
+            "the file has {points} points and no faces, so that there is no surface: make a mesh of them"
+        ));
+    }
+    scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
     add(&mut scene, mesh);
     Ok(scene)
+}
+
+/// Loads an STL file, whose surfaces are flat. Its z axis, along which printers build, points up.
+///
+/// # Errors
+/// A file that is missing or malformed is an error with its place.
+pub fn load_stl(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
+    let mut mesh = stl::parse(path, &files.read(path)?)?;
+    mesh.positions.iter_mut().for_each(|p| *p = Vec3::new(p.x, p.z, -p.y));
+    let mut scene = Scene::default();
+    scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
+    add(&mut scene, mesh);
+    Ok(scene)
+}
+
+/// Decodes vertex colours, which programs write as they are shown.
+fn decode_colors(mesh: &mut Mesh) {
+    let decode = |v: f32| linear_from_srgb(v.clamp(0.0, 1.0));
+    mesh.colors.iter_mut().for_each(|c| *c = c.truncate().map(decode).extend(c.w));
+}
+
+/// Returns the reflectance of surfaces without a material: what vertex colours say of it, or grey.
+fn reflectance_without_material(mesh: &Mesh) -> Vec3 {
+    Vec3::splat(if mesh.colors.is_empty() { GREY } else { 1.0 })
 }
 
 fn plain(name: &str, reflectance: Vec3) -> Material {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{Affine2, Vec3};
 
-use super::{GREY, plain};
+use super::plain;
 use crate::scene::load::files::Files;
 use crate::scene::{
     Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, Opacity, Scalar, Scene, Sides, Texture,
@@ -22,6 +22,8 @@ const MIRROR: f32 = 1000.0;
 /// The materials of an OBJ file that are not in the scene yet.
 #[derive(Default)]
 pub(super) struct Library {
+    /// Reflectance of surfaces whose file says nothing of it.
+    plain: Vec3,
     materials: HashMap<String, Statements>,
     images: HashMap<String, Option<usize>>,
     folder: PathBuf,
@@ -56,6 +58,10 @@ impl Statements {
 }
 
 impl Library {
+    pub fn new(plain: Vec3) -> Self {
+        Self { plain, ..Self::default() }
+    }
+
     /// Reads a material file beside a mesh file. One that is not there is a warning.
     pub fn read(&mut self, mesh: &Path, name: &str, files: &dyn Files, scene: &mut Scene) -> Result<(), LoadError> {
         self.folder = mesh.parent().unwrap_or(Path::new("")).to_owned();
@@ -90,7 +96,7 @@ impl Library {
     pub fn material(&mut self, name: &str, files: &dyn Files, scene: &mut Scene) -> usize {
         let material = match self.materials.remove(name) {
             Some(statements) => self.convert(name, &statements, files, scene),
-            None => plain(name, Vec3::splat(GREY)),
+            None => plain(name, self.plain),
         };
         scene.materials.push(material);
         scene.materials.len() - 1
@@ -99,7 +105,8 @@ impl Library {
     fn convert(&mut self, name: &str, m: &Statements, files: &dyn Files, scene: &mut Scene) -> Material {
         let share = |keyword: &str, missing: f32| m.color(keyword).unwrap_or(Vec3::splat(missing)).min(Vec3::ONE);
         let illumination = m.number("illum").map_or(2, |n| n as u32);
-        let (diffuse, specular) = (share("kd", GREY), share("ks", 0.0));
+        let diffuse = m.color("kd").unwrap_or(self.plain).min(Vec3::ONE);
+        let specular = share("ks", 0.0);
         let diffuse_map = self.texture(m.text("map_kd"), true, files, scene);
         // A colour of black beside a texture stands for none.
         let factor = if diffuse_map.is_some() && diffuse == Vec3::ZERO { Vec3::ONE } else { diffuse };

@@ -1,4 +1,4 @@
-//! OBJ meshes: positions, normals, texture coordinates, polygons and the names of their materials.
+//! OBJ meshes: positions, vertex colours, normals, texture coordinates, polygons and the names of their materials.
 //!
 //! This is not a crate's parser, so that every error names its line and corners may omit attributes that
 //! others have.
@@ -6,7 +6,7 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 
 use crate::scene::{LoadError, Mesh};
 
@@ -41,9 +41,11 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
 
 /// Parses a mesh; v points up as in the file. Polygons are split into fans.
 ///
-/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero.
+/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour white.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
+    // Of positions, as many as the last one that has a colour needs.
+    let mut colors: Vec<Vec4> = Vec::new();
     let mut corners: Vec<Corner> = Vec::new();
     let mut vertices: HashMap<Corner, u32> = HashMap::new();
     let mut mesh = Mesh::default();
@@ -68,7 +70,17 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             if count < needed { Err(error(format!("{needed} numbers are expected, not {count}"))) } else { Ok(out) }
         };
         match words.next() {
-            Some("v") => positions.push(floats(words)?.into()),
+            Some("v") => {
+                // A colour may follow the position; a fourth number alone is a weight.
+                let colored = words.clone().nth(5).is_some();
+                if colored {
+                    let mut color = words.clone();
+                    color.nth(2);
+                    colors.resize(positions.len(), Vec4::ONE);
+                    colors.push(Vec3::from(floats(color)?).extend(1.0));
+                }
+                positions.push(floats(words)?.into());
+            }
             Some("vn") => normals.push(Vec3::from(floats(words)?).normalize_or_zero()),
             Some("vt") => {
                 let [u, v, _] = floats(words)?;
@@ -101,6 +113,10 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     }
     let position = |c: &Corner| c[0].map_or(Vec3::ZERO, |i| positions[i as usize]);
     mesh.positions = corners.iter().map(position).collect();
+    if !colors.is_empty() {
+        let color = |c: &Corner| c[0].and_then(|i| colors.get(i as usize)).copied().unwrap_or(Vec4::ONE);
+        mesh.colors = corners.iter().map(color).collect();
+    }
     if corners.iter().any(|c| c[1].is_some()) {
         mesh.uvs[0] = corners.iter().map(|c| c[1].map_or(Vec2::ZERO, |i| uvs[i as usize])).collect();
     }

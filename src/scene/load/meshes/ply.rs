@@ -1,5 +1,5 @@
-//! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates, colours and
-//! polygons.
+//! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates, colours, polygons and
+//! triangle strips.
 
 use std::path::Path;
 
@@ -39,12 +39,16 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadErr
     }
     let mut vertices: Vec<Vertex> = Vec::new();
     let mut faces: Vec<Face> = Vec::new();
+    let mut strips: Vec<Strips> = Vec::new();
     for (name, element) in &header.elements {
         match name.as_str() {
             "vertex" => {
                 vertices = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?
             }
             "face" => faces = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?,
+            "tristrips" => {
+                strips = Parser::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?
+            }
             _ => drop(Parser::<Skipped>::new().read_payload_for_element(&mut reader, element, &header).map_err(error)?),
         }
     }
@@ -80,6 +84,10 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadErr
         mesh.colors = vertices.iter().map(|v| v.color).collect();
     }
     mesh.triangles = triangulate(path, &faces, vertices.len())?;
+    for strip in strips.iter().flat_map(|strips| strips.corners.split(|&corner| corner < 0)) {
+        add_strip(strip, vertices.len(), &mut mesh.triangles)
+            .map_err(|cause| LoadError::at(path, "tristrips", cause))?;
+    }
     Ok(mesh)
 }
 
@@ -100,6 +108,19 @@ fn triangulate(path: &Path, faces: &[Face], vertices: usize) -> Result<Vec<[u32;
         triangles.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
     }
     Ok(triangles)
+}
+
+/// Adds the triangles of a strip, of which each second one is wound the other way. Those that repeat a corner only lead to
+/// the next one.
+fn add_strip(corners: &[i64], vertices: usize, triangles: &mut Vec<[u32; 3]>) -> Result<(), String> {
+    if let Some(index) = corners.iter().find(|&&v| v as usize >= vertices) {
+        return Err(format!("refers to vertex {index} of {vertices}"));
+    }
+    let three =
+        corners.windows(3).enumerate().map(|(i, c)| if i % 2 == 0 { [c[0], c[1], c[2]] } else { [c[1], c[0], c[2]] });
+    let proper = three.filter(|[a, b, c]| a != b && b != c && c != a);
+    triangles.extend(proper.map(|triangle| triangle.map(|v| v as u32)));
+    Ok(())
 }
 
 /// Joins the lines of a parser's message and removes the repeated line number.
@@ -181,6 +202,30 @@ impl PropertyAccess for Face {
             return PropertyAccessResult::Ignored;
         }
         self.corners = property.to_u32_list();
+        PropertyAccessResult::Set
+    }
+}
+
+/// Triangle strips, one after the other; a negative number ends each but the last.
+#[derive(Default)]
+struct Strips {
+    corners: Vec<i64>,
+}
+
+impl PropertyAccess for Strips {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
+        if name != "vertex_indices" && name != "vertex_index" {
+            return PropertyAccessResult::Ignored;
+        }
+        self.corners = match property {
+            Property::ListInt(corners) => corners.into_iter().map(i64::from).collect(),
+            Property::ListShort(corners) => corners.into_iter().map(i64::from).collect(),
+            other => other.to_u32_list().unwrap_or_default().into_iter().map(i64::from).collect(),
+        };
         PropertyAccessResult::Set
     }
 }
