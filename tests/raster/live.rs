@@ -81,7 +81,8 @@ fn layers_add_up_to_the_picture() {
 fn interleaved_classes_are_right_in_the_mean() {
     let Some(gpu) = gpu() else { return };
     let scene = room([5.0, 3.0], BOXED);
-    let truth = truth(gpu, &scene);
+    // A mean to 0.5 % takes more samples than the errors of a few frames do.
+    let truth = raster(gpu, &scene, &settings(1, 0, 512)).0;
     let film = raster(gpu, &scene, &Settings { unfiltered: true, ..settings(4, 0, 128) }).0;
     let seen = against(&film, &truth);
     assert!(seen.mean_bias.abs() < 0.005 && seen.rel_mse < 0.01, "{seen:?}");

@@ -321,7 +321,7 @@ fn rough_coats() {
     let mut random = Random(30);
     let (textures, linear) = linear_textures(&mut random);
     for textured in [false, true] {
-        let materials = (0..if textured { 12 } else { 48 })
+        let materials = (0..if textured { 16 } else { 48 })
             .map(|i| {
                 let distribution = [Distribution::Ggx, Distribution::Beckmann][i % 2];
                 let mut material = Material { distribution, ..material(3, random.between(0.05, 0.9), &mut random) };
