@@ -398,7 +398,7 @@ fn furnace(bsdf: &Layered, wo: Vec3, warps: [Warp; 2], bend: f32) -> [[f64; 3]; 
         }
     }
     let mut integrated = [0.0_f64; 3];
-    let (rows, columns) = (1200, 300);
+    let (rows, columns) = (1200, 600);
     for (half, warp) in warps.iter().enumerate() {
         for i in 0..rows * columns {
             let [row, column] = [i / columns, i % columns].map(|i| f64::from(i) + 0.5);
