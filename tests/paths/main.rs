@@ -95,7 +95,7 @@ fn materials_agree(name: &str, scene: &Scene, bounces: u32) {
 /// Compares `shared`, which widens no lobe here, with the reference.
 fn shared_agrees(name: &str, scene: &Scene, bounces: u32) {
     let Some(gpu) = gpu_with_ray_queries() else { return };
-    let settings = settings(Technique::RASTER, SIDE, 24, bounces);
+    let settings = settings(Technique::RASTER, SIDE, 64, bounces);
     let films = pictures(gpu, scene, &settings);
     let verdict = compare(&films, &references(scene, &settings, 64), Look::Blocks);
     println!("{name}, shared: {verdict:?}");
