@@ -35,9 +35,10 @@ build_page() {
 run_job() {
     local job=$1 began=$SECONDS log status=0
     log=$(mktemp)
-    # Most tests compile many variants of shaders for pictures of few pixels each. For them software Vulkan leaves out LLVM's
+    # Many tests compile variants of shaders for pictures of few pixels each. For them software Vulkan leaves out LLVM's
     # optimizations: with a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs
-    # 0.7, but that of tests/raster_statistics.rs, which renders much with few shaders, at least 1.46.
+    # 0.7, that of tests/raster and of tests/paths as wholes the same, but that of tests/raster_statistics.rs, which renders
+    # much with few shaders, at least 1.46.
     [[ $job == raster_statistics ]] || export GALLIVM_PERF=nopt
     case $job in
         units) cargo test --locked --lib --bins ;;
