@@ -37,7 +37,7 @@ run_job() {
     log=$(mktemp)
     # Many tests compile variants of shaders for pictures of few pixels each. For them software Vulkan leaves out LLVM's
     # optimizations: with a cold cache, the time of the mixes in tests/paths is 0.6 of what it is otherwise, that of tests/guard.rs
-    # 0.7, that of tests/raster and of tests/paths as wholes the same, but that of tests/raster_statistics.rs, which renders
+    # 0.7, that of a dozen tests each of raster and paths the same in sum, but that of tests/raster_statistics.rs, which renders
     # much with few shaders, at least 1.46.
     [[ $job == raster_statistics ]] || export GALLIVM_PERF=nopt
     case $job in
