@@ -25,7 +25,7 @@ const TIME_LIMIT: Duration = Duration::from_secs(5);
 /// Memory beside four times the file, for stacks, the allocator and threads.
 const MEMORY_FLOOR: u64 = 32 << 20;
 /// Triangles of scenes that are completed, and of scenes that are flattened. Each fourth of the former is completed, since
-/// lighting and viewing a scene takes ten times as long as loading it.
+/// lighting and viewing scenes took most of the time.
 const COMPLETED: usize = 10_000;
 const COMPLETED_ROUNDS: u64 = 4;
 const FLATTENED: usize = 200_000;
