@@ -135,12 +135,6 @@ fn wrong_xml_is_an_error_with_its_line() {
             "line 2",
             "`butter`",
         ),
-        (
-            "<shape type=\"cube\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\">\
-             <string name=\"filename\" value=\"none.png\"/></texture></bsdf></shape>",
-            "line 2",
-            "`none.png` does not exist",
-        ),
         ("<emitter type=\"area\"/>", "line 2", "inside a shape"),
         ("<emitter type=\"envmap\"/>", "line 2", "needs a `filename`"),
         ("<emitter type=\"point\"><rgb name=\"intensity\" value=\"-1\"/></emitter>", "line 2", "negative"),
@@ -150,11 +144,6 @@ fn wrong_xml_is_an_error_with_its_line() {
             "direction is zero",
         ),
         ("<shape type=\"obj\"/>", "line 2", "needs a `filename`"),
-        (
-            "<shape type=\"obj\"><string name=\"filename\" value=\"no.obj\"/></shape>",
-            "line 2",
-            "`no.obj` does not exist",
-        ),
         ("<shape type=\"instance\"/>", "line 2", "needs a shapegroup"),
         ("<include filename=\"no.xml\"/>", "line 2", "`no.xml` does not exist"),
         ("<float name=\"a\" value=\"$b\"/>", "line 2", "`$b` has no value"),

@@ -1133,3 +1133,42 @@ fn what_is_not_supported_is_said_once_and_replaced() {
     assert_eq!(scene.materials[0].opacity.map(|o| o.value().factor), Some(0.0), "light passes");
     assert_eq!((scene.cameras.len(), scene.environment.is_some()), (1, true));
 }
+
+/// Names as other systems write them lead to the files: `\\` for `/`, other letters' case, folders of another machine.
+/// What is not there is a warning, and the rest of the scene is drawn.
+#[test]
+fn files_of_other_systems_are_found_and_missing_ones_are_warnings() {
+    let folder = folder();
+    std::fs::create_dir(folder.join("Models")).unwrap();
+    std::fs::write(folder.join("Models/Face.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    image::RgbImage::from_pixel(1, 1, image::Rgb([9, 9, 9])).save(folder.join("Wood.png")).unwrap();
+    let file = |tag: &str, name: &str, path: &str, inside: &str| {
+        format!(
+            "<{tag} name=\"reflectance\" type=\"{name}\"><string name=\"filename\" value=\"{path}\"/>{inside}</{tag}>"
+        )
+    };
+    let diffuse = |path: &str| format!("<bsdf type=\"diffuse\">{}</bsdf>", file("texture", "bitmap", path, ""));
+    let body = [
+        file("shape", "obj", "models\\face.OBJ", &diffuse("C:\\work\\maps\\wood.PNG")),
+        file("shape", "obj", "Models/Face.obj", &diffuse("none.png")),
+        file("shape", "ply", "none.ply", ""),
+        file("emitter", "envmap", "none.hdr", "<float name=\"scale\" value=\"3\"/>"),
+    ];
+    let scene = scene_in(&folder, "3.0.0", &body.concat());
+    assert_eq!((scene.meshes.len(), scene.images.len()), (2, 1));
+    let colors = scene.materials.iter().map(|material| match material.bsdf {
+        Bsdf::Diffuse { reflectance } => (reflectance.factor.x, reflectance.texture.is_some()),
+        ref other => panic!("{other:?}"),
+    });
+    assert_eq!(colors.collect::<Vec<_>>(), [(1.0, true), (0.5, false)]);
+    let sky = scene.environment.as_ref().unwrap();
+    assert_eq!((sky.radiance, sky.map.is_none()), (Vec3::splat(3.0), true));
+    let warnings = [
+        "the texture `none.png` is not there: grey 0.5 is drawn instead",
+        "the mesh file `none.ply` is not there: its shapes are left out",
+        "the sky's picture `none.hdr` is not there: an even sky is drawn instead",
+    ];
+    for warning in warnings {
+        assert!(scene.warnings.iter().any(|w| w == warning), "{warning}: {:?}", scene.warnings);
+    }
+}

@@ -17,21 +17,54 @@ pub trait Files: Sync {
     fn read(&self, path: &Path) -> Result<Cow<'_, [u8]>, LoadError>;
 }
 
-/// The file system.
+/// Finds a file that another one refers to, in the first of some folders that has it: by the path that stands there,
+/// whose `\` of Windows is a `/`, or else by its mere name, since paths of another machine lead nowhere here.
+pub(super) fn find(files: &dyn Files, folders: &[&Path], name: &str) -> Option<PathBuf> {
+    let portable = name.replace('\\', "/");
+    let mere = portable.rsplit('/').next().unwrap_or_default();
+    let spellings = [name, &portable, mere];
+    spellings.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| files.has(path))
+}
+
+/// The file system. Names count as equal when they differ in the case of letters alone and no file has the name
+/// itself: scenes come from systems where they are.
 pub struct Disk;
+
+impl Disk {
+    /// Returns the path under which the file system has something, or the path itself.
+    fn actual(path: &Path) -> Cow<'_, Path> {
+        if path.exists() {
+            Cow::Borrowed(path)
+        } else {
+            Self::in_any_case(path).map_or(Cow::Borrowed(path), Cow::Owned)
+        }
+    }
+
+    fn in_any_case(path: &Path) -> Option<PathBuf> {
+        if path.exists() {
+            return Some(path.to_owned());
+        }
+        let name = path.file_name()?.to_str()?.to_lowercase();
+        let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+        let folder = Self::in_any_case(parent.unwrap_or(Path::new(".")))?;
+        let entries = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+        entries.filter(|entry| entry.file_name().is_some_and(|n| n.to_string_lossy().to_lowercase() == name)).min()
+    }
+}
 
 impl Files for Disk {
     fn has(&self, path: &Path) -> bool {
-        path.is_file()
+        Self::actual(path).is_file()
     }
 
     /// Reads a regular file; devices and pipes, which may never end, are errors.
     fn read(&self, path: &Path) -> Result<Cow<'_, [u8]>, LoadError> {
         let failed = |e: std::io::Error| LoadError::new(path, format!("cannot be read: {e}"));
-        if !std::fs::metadata(path).map_err(failed)?.is_file() {
+        let actual = Self::actual(path);
+        if !std::fs::metadata(&actual).map_err(failed)?.is_file() {
             return Err(LoadError::new(path, "cannot be read: it is not a regular file"));
         }
-        std::fs::read(path).map(Cow::Owned).map_err(failed)
+        std::fs::read(&actual).map(Cow::Owned).map_err(failed)
     }
 }
 

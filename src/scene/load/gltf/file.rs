@@ -16,7 +16,7 @@ use super::extensions::NormalTexture;
 use super::instances::Instancing;
 use super::lights::Profiles;
 use crate::scene::LoadError;
-use crate::scene::load::files::Files;
+use crate::scene::load::files::{Files, find};
 
 /// A parsed file and the buffers that it refers to.
 pub(super) struct File<'a> {
@@ -226,13 +226,14 @@ impl<'a> File<'a> {
         bytes.map(Cow::into_owned).map_err(failed)
     }
 
-    /// Returns the path of a file by its URI.
+    /// Returns the path of a file by its URI, of the file that is there if one is.
     fn local(&self, uri: &str, place: &str) -> Result<PathBuf, LoadError> {
         let name = String::from_utf8(percent_decoded(uri)).map_err(|_| self.error(place, "the uri is not UTF-8"))?;
         if name.contains("://") {
             return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));
         }
-        Ok(self.beside(&name))
+        let folder = self.path.parent().unwrap_or(Path::new(""));
+        Ok(find(self.files, &[folder], &name).unwrap_or_else(|| folder.join(&name)))
     }
 
     /// True if a URI names a file that is not there.

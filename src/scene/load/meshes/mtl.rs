@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use glam::{Affine2, Vec3};
 
 use super::plain;
-use crate::scene::load::files::Files;
+use crate::scene::load::files::{Files, find};
 use crate::scene::{
     Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, Opacity, Scalar, Scene, Sides, Texture,
     TextureRef, Wrap,
@@ -65,11 +65,10 @@ impl Library {
     /// Reads a material file beside a mesh file. One that is not there is a warning.
     pub fn read(&mut self, mesh: &Path, name: &str, files: &dyn Files, scene: &mut Scene) -> Result<(), LoadError> {
         self.folder = mesh.parent().unwrap_or(Path::new("")).to_owned();
-        let path = self.folder.join(name.replace('\\', "/"));
-        if !files.has(&path) {
+        let Some(path) = find(files, &[&self.folder], name) else {
             scene.warn(format!("the material file `{name}` does not exist beside the mesh: its surfaces are grey"));
             return Ok(());
-        }
+        };
         let bytes = files.read(&path)?;
         let mut name = None;
         for line in bytes.split(|&b| b == b'\n') {
@@ -174,10 +173,10 @@ impl Library {
     fn texture(&mut self, text: Option<&str>, srgb: bool, files: &dyn Files, scene: &mut Scene) -> Option<TextureRef> {
         // Options come before the name, which may have blanks if there are none.
         let text = text?.trim();
-        let name = if text.starts_with('-') { text.split_whitespace().last()? } else { text }.replace('\\', "/");
-        let image = *self.images.entry(name.clone()).or_insert_with(|| {
-            let path = self.folder.join(&name);
-            let decoded = files.read(&path).map_err(|e| e.cause).and_then(|bytes| Image::decode(&bytes, &name));
+        let name = if text.starts_with('-') { text.split_whitespace().last()? } else { text };
+        let image = *self.images.entry(name.to_owned()).or_insert_with(|| {
+            let path = find(files, &[&self.folder], name).unwrap_or_else(|| self.folder.join(name));
+            let decoded = files.read(&path).map_err(|e| e.cause).and_then(|bytes| Image::decode(&bytes, name));
             match decoded {
                 Ok(image) => {
                     scene.images.push(image);

@@ -279,9 +279,14 @@ impl<'a> Loader<'a> {
     fn environment_map(&mut self, plugin: &Plugin<'a>, to_world: DMat4) -> Result<Environment, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("an envmap needs a `filename`"))?;
-        let (path, bytes) = self.search.read(element, name)?;
-        let mut map = EnvironmentMap::decode(&bytes, &path)?;
-        map.rows = Rows::AtPoles;
+        let map = if let Ok(path) = self.search.find(element, name) {
+            let mut map = EnvironmentMap::decode(&self.search.files.read(&path)?, &path)?;
+            map.rows = Rows::AtPoles;
+            Some(map)
+        } else {
+            self.warn(format!("the sky's picture `{name}` is not there: an even sky is drawn instead"));
+            None
+        };
         plugin.ignore(&["mis_compensation", "gamma", "cache", "samples"]);
         // Only the rotation matters, because lookup directions are normalized.
         let Some((mut world, mirrored)) = rotation(to_world) else {
@@ -294,7 +299,7 @@ impl<'a> Loader<'a> {
         if scale < 0.0 {
             return Err(element.error("the envmap's scale is negative"));
         }
-        Ok(Environment { radiance: Vec3::splat(scale), map: Some(map), world_from_environment: world.as_mat3() })
+        Ok(Environment { radiance: Vec3::splat(scale), map, world_from_environment: world.as_mat3() })
     }
 }
 

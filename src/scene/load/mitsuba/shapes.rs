@@ -82,7 +82,7 @@ impl<'a> Loader<'a> {
         let mut mesh = match element.plugin() {
             kind @ ("obj" | "ply" | "serialized") => {
                 let mirrored = to_world.determinant() < 0.0;
-                let (mesh, named) = self.mesh_file(&plugin, kind, mirrored)?;
+                let Some((mesh, named)) = self.mesh_file(&plugin, kind, mirrored)? else { return Ok(Vec::new()) };
                 materials = named;
                 mesh
             }
@@ -176,15 +176,20 @@ impl<'a> Loader<'a> {
         Ok(parts.into_iter().map(|(bsdf, triangles)| (bsdf, subset(&mesh, &triangles))).collect())
     }
 
+    /// Reads a mesh file, with the names and ranges of its parts; none, with a warning, if it is not there.
     fn mesh_file(
         &mut self,
         plugin: &Plugin<'a>,
         kind: &str,
         mirrored: bool,
-    ) -> Result<(Mesh, Vec<(String, usize)>), LoadError> {
+    ) -> Result<Option<(Mesh, Vec<(String, usize)>)>, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
-        let (path, bytes) = self.search.read(element, name)?;
+        let Ok(path) = self.search.find(element, name) else {
+            self.warn(format!("the mesh file `{name}` is not there: its shapes are left out"));
+            return Ok(None);
+        };
+        let bytes = self.search.files.read(&path)?;
         let mut materials = Vec::new();
         let (mut mesh, flat) = match kind {
             "obj" => {
@@ -228,7 +233,7 @@ impl<'a> Loader<'a> {
         if mesh.name.is_empty() {
             name.clone_into(&mut mesh.name);
         }
-        Ok((mesh, materials))
+        Ok(Some((mesh, materials)))
     }
 
     /// Sets the mesh's material and, if that has a normal map, its tangents.

@@ -49,7 +49,7 @@ impl<'a> Loader<'a> {
         let plugin = self.plugin(element)?;
         let color = match element.plugin() {
             "bitmap" => {
-                let image = self.bitmap_image(&plugin)?;
+                let Some(image) = self.bitmap_image(&plugin)? else { return Ok(Color::from(Vec3::splat(0.5))) };
                 let srgb = !self.is_raw(&plugin)?;
                 let texture = self.sampled(&plugin, image, srgb)?;
                 plugin.ignore(&["channel"]);
@@ -190,13 +190,16 @@ impl<'a> Loader<'a> {
         }))
     }
 
-    /// Returns the image of a bitmap, which is decoded once.
-    pub(super) fn bitmap_image(&mut self, plugin: &Plugin<'a>) -> Result<usize, LoadError> {
+    /// Returns the image of a bitmap, which is decoded once; none, with a warning, if its file is not there.
+    fn bitmap_image(&mut self, plugin: &Plugin<'a>) -> Result<Option<usize>, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("a bitmap needs a `filename`"))?;
-        let path = self.search.find(element, name)?;
+        let Ok(path) = self.search.find(element, name) else {
+            self.warn(format!("the texture `{name}` is not there: grey 0.5 is drawn instead"));
+            return Ok(None);
+        };
         if let Some(&image) = self.images.get(&path) {
-            return Ok(image);
+            return Ok(Some(image));
         }
         let bytes = self.search.files.read(&path)?;
         let image = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
@@ -217,7 +220,7 @@ impl<'a> Loader<'a> {
         };
         self.scene.images.push(image);
         self.images.insert(path, self.scene.images.len() - 1);
-        Ok(self.scene.images.len() - 1)
+        Ok(Some(self.scene.images.len() - 1))
     }
 
     /// Returns true if a bitmap's values are linear: Mitsuba 3's `raw`, or 0.5's `gamma` of 1.

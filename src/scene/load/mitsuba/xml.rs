@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::scene::LoadError;
-use crate::scene::load::files::Files;
+use crate::scene::load::files::{Files, find};
 
 /// Maximum nesting depth of elements, including included files.
 const MAX_DEPTH: usize = 64;
@@ -101,17 +101,10 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     /// Finds a file that an element refers to: in the folder of the element's file, then in the search folders.
     pub fn find(&self, element: &Element, name: &str) -> Result<PathBuf, LoadError> {
-        let spellings = [name.to_owned(), name.replace('\\', "/")];
-        let beside = element.file().parent().unwrap_or(Path::new("")).to_owned();
-        for spelling in &spellings {
-            for folder in std::iter::once(&beside).chain(&self.folders) {
-                let path = folder.join(spelling);
-                if self.files.has(&path) {
-                    return Ok(path);
-                }
-            }
-        }
-        Err(element.error(format!("the file `{name}` does not exist in `{}`", beside.display())))
+        let beside = element.file().parent().unwrap_or(Path::new(""));
+        let folders: Vec<&Path> = std::iter::once(beside).chain(self.folders.iter().map(PathBuf::as_path)).collect();
+        find(self.files, &folders, name)
+            .ok_or_else(|| element.error(format!("the file `{name}` does not exist in `{}`", beside.display())))
     }
 
     /// Finds a file as [`Self::find`] does, and reads it.
