@@ -144,6 +144,11 @@ fn wrong_xml_is_an_error_with_its_line() {
             "direction is zero",
         ),
         ("<shape type=\"obj\"/>", "line 2", "needs a `filename`"),
+        (
+            "<shape type=\"obj\"><string name=\"filename\" value=\"no.obj\"/></shape>",
+            "line 2",
+            "`no.obj` does not exist",
+        ),
         ("<shape type=\"instance\"/>", "line 2", "needs a shapegroup"),
         ("<include filename=\"no.xml\"/>", "line 2", "`no.xml` does not exist"),
         ("<float name=\"a\" value=\"$b\"/>", "line 2", "`$b` has no value"),

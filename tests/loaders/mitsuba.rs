@@ -1134,6 +1134,26 @@ fn what_is_not_supported_is_said_once_and_replaced() {
     assert_eq!((scene.cameras.len(), scene.environment.is_some()), (1, true));
 }
 
+/// Lobes without Fresnel's equations reflect as much at normal incidence, and the base has what a facet lets in.
+#[test]
+fn phong_and_ward_keep_their_reflectances() {
+    let colors = "<rgb name=\"diffuseReflectance\" value=\"0.3 0.6 0.1\"/><rgb name=\"specularReflectance\" value=\"0.25 0.2 0.1\"/>";
+    for (kind, width) in [
+        ("phong", "<float name=\"exponent\" value=\"30\"/>"),
+        ("ward", "<float name=\"alphaU\" value=\"0.25\"/><float name=\"alphaV\" value=\"0.25\"/>"),
+    ] {
+        let body = format!("<shape type=\"rectangle\"><bsdf type=\"{kind}\">{colors}{width}</bsdf></shape>");
+        let material = scene_in(&folder(), "0.6.0", &body).materials.remove(0);
+        let Bsdf::MetallicRoughness { base_color, metallic, roughness, ior, specular_color, .. } = material.bsdf else {
+            panic!("{kind}: {material:?}")
+        };
+        assert!(close(specular_color.factor, Vec3::new(0.25, 0.2, 0.1), 1e-6), "{kind}: {specular_color:?}");
+        assert!(close(base_color.factor, Vec3::new(0.4, 0.8, 0.1 / 0.75), 1e-6), "{kind}: {base_color:?}");
+        assert_eq!((metallic, ior, material.distribution), (0.0.into(), 0.0, Distribution::Beckmann), "{kind}");
+        assert!((roughness.factor - 0.5).abs() < 1e-6, "{kind}: {roughness:?}");
+    }
+}
+
 /// Names as other systems write them lead to the files: `\\` for `/`, other letters' case, folders of another machine.
 /// What is not there is a warning, and the rest of the scene is drawn.
 #[test]

@@ -150,6 +150,18 @@ fn filtered_frames_under_a_smooth_coat_are_nearer_to_the_truth() {
     assert!(alone.rel_mse > 2.0 * filtered.rel_mse && filtered.mean_bias.abs() < 0.02, "{alone:?} {filtered:?}");
 }
 
+/// Lobes that reflect nearly the same to a whole square are filtered, however narrow they are.
+#[test]
+fn filtered_frames_of_polished_metal_are_nearer_to_the_truth() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = room_with_a_board(conductor(0.02));
+    // Across a square the view direction turns by 0.019 radians.
+    scene.cameras = vec![pinhole(Vec3::new(0.0, 0.0, 0.95), Vec3::NEG_Z, 0.3)];
+    let [filtered, alone] = filtered_and_not(gpu, &scene, &truth(gpu, &scene));
+    assert!(alone.rel_mse > 4.0 * filtered.rel_mse, "{alone:?} {filtered:?}");
+    assert!((filtered.mean_bias - alone.mean_bias).abs() < 0.01, "{alone:?} {filtered:?}");
+}
+
 /// Black texels tell nothing about the light that reaches them: the filter leaves them out around white ones.
 #[test]
 fn a_black_pattern_does_not_darken_the_white_around_it() {

@@ -230,14 +230,12 @@ impl<'a> Loader<'a> {
             "phong" => {
                 // Beckmann facets of alpha^2 = 2 / (n + 2) are nearly as cos^n (Walter et al. 2007, section 5.4).
                 let exponent = plugin.float("exponent")?.unwrap_or(30.0).max(0.0);
-                self.warn(format!("{}: `phong` is drawn as rough plastic of like width", plugin.element.title()));
-                Ok(Bsdf::Plastic {
-                    alpha: (2.0 / (exponent + 2.0)).sqrt().into(),
-                    diffuse: self.color_parameter(plugin, "diffuse_reflectance")?.unwrap_or(grey(0.5)),
-                    specular: self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(0.2)),
-                    eta: 1.49,
-                    nonlinear: false,
-                })
+                self.highlights(plugin, (2.0 / (exponent + 2.0)).sqrt())
+            }
+            "ward" => {
+                plugin.ignore(&["variant"]);
+                let alpha = self.alpha(plugin)?.factor;
+                self.highlights(plugin, alpha)
             }
             "dielectric" | "thindielectric" => self.dielectric(plugin, 0.0.into()),
             "roughdielectric" => {
@@ -257,6 +255,30 @@ impl<'a> Loader<'a> {
                 Ok(Bsdf::Diffuse { reflectance: grey(0.5) })
             }
         }
+    }
+
+    /// Converts Mitsuba 0.5's models without Fresnel's equations to a dielectric whose reflectance at normal incidence is
+    /// the lobe's: an index of 0 reflects everything, and the colour tints it.
+    fn highlights(&mut self, plugin: &Plugin<'a>, alpha: f32) -> Result<Bsdf, LoadError> {
+        let kind = plugin.element.plugin();
+        self.warn(format!(
+            "{}: `{kind}` is drawn with facets of like width and Fresnel's equations",
+            plugin.element.title()
+        ));
+        let diffuse = self.color_parameter(plugin, "diffuse_reflectance")?.unwrap_or(grey(0.5));
+        let specular_color = self.color_parameter(plugin, "specular_reflectance")?.unwrap_or(grey(0.2));
+        // The dielectric's base has what the facets let in; there both parts add up, to at most 1. Textures stay as they are.
+        let most = specular_color.texture.map_or(specular_color.factor.max_element(), |_| 0.0);
+        let let_in = (1.0 - most).max(f32::MIN_POSITIVE);
+        Ok(Bsdf::MetallicRoughness {
+            base_color: Color { factor: (diffuse.factor / let_in).min(Vec3::ONE), ..diffuse },
+            metallic: 0.0.into(),
+            roughness: alpha.sqrt().into(),
+            ior: 0.0,
+            specular: 1.0.into(),
+            specular_color,
+            transmission: 0.0.into(),
+        })
     }
 
     /// Returns the opacity of BSDFs that light passes unbent. Polarizing filters pass half of light that is not polarized.
@@ -375,10 +397,11 @@ impl<'a> Loader<'a> {
         Ok(Scalar { factor: alpha.factor.clamp(0.0, 1.0), ..alpha })
     }
 
-    /// Returns the distribution of a BSDF's facets. Mitsuba's default is Beckmann; lobes of `phong` are nearly that.
+    /// Returns the distribution of a BSDF's facets. Mitsuba's default is Beckmann; lobes of `phong` and `ward` are nearly that.
     fn distribution(&mut self, plugin: &Plugin<'a>) -> Result<Distribution, LoadError> {
         match (plugin.element.plugin(), plugin.string("distribution")?) {
-            ("phong", _) | ("roughconductor" | "roughplastic" | "roughdielectric", None | Some("beckmann")) => {
+            ("phong" | "ward", _)
+            | ("roughconductor" | "roughplastic" | "roughdielectric", None | Some("beckmann")) => {
                 Ok(Distribution::Beckmann)
             }
             ("roughconductor" | "roughplastic" | "roughdielectric", Some(other)) if other != "ggx" => {

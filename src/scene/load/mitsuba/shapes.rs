@@ -185,9 +185,13 @@ impl<'a> Loader<'a> {
     ) -> Result<Option<(Mesh, Vec<(String, usize)>)>, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
-        let Ok(path) = self.search.find(element, name) else {
-            self.warn(format!("the mesh file `{name}` is not there: its shapes are left out"));
-            return Ok(None);
+        let path = match self.search.find(element, name) {
+            Ok(path) => path,
+            Err(error) => {
+                self.warn(format!("the mesh file `{name}` is not there: its shapes are left out"));
+                self.missing_mesh.get_or_insert(error);
+                return Ok(None);
+            }
         };
         let bytes = self.search.files.read(&path)?;
         let mut materials = Vec::new();
