@@ -70,9 +70,12 @@ const SEEN_OF_A_STAGE: f32 = 0.55;
 const SHOWN_OF_A_STAGE: f32 = 0.1;
 
 /// Largest share of the surfaces that is seen from outside a house, or least share of the points at eye height that are in
-/// it: 0.07 or less and 0.3 or more in houses with openings, 0.17 or more and 0.2 or less in hollow objects.
-const SHOWN_OF_A_HOUSE: f32 = 0.12;
+/// it: 0.07 or less and 0.3 or more in houses with openings, 0.11 or more and 0.2 or less in hollow objects and cars.
+const SHOWN_OF_A_HOUSE: f32 = 0.09;
 const PLACES_OF_A_HOUSE: f32 = 0.25;
+
+/// Share of an object's length below which a view counts less, such as one along a tube.
+const SHORTENED: f32 = 0.5;
 
 /// Largest ratio of height to width of a horizontal scene.
 const LYING: f32 = 0.25;
@@ -137,10 +140,14 @@ pub fn choose(reference: &Reference, posed: &[Vec3], size: [u32; 2]) -> (Camera,
         samples = self::samples(reference, |corners| !ground[corners[0] as usize]);
     }
     let points = &main_part(&samples, &points);
+    let length = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| extent(points, axis)).into_iter().fold(0.0, f32::max);
     let best_of = |views: Vec<(Vec3, f32)>| {
         let judged = views.into_par_iter().map(|(towards_eye, weight)| {
             let camera = fit(points, towards_eye, size);
-            (weight * shown(reference, &samples, Vec3::from(camera.world_from_camera.translation)), camera)
+            let [right, up] = [camera.world_from_camera.x_axis, camera.world_from_camera.y_axis].map(Vec3::from);
+            let of_length = extent(points, right).max(extent(points, up)) / (SHORTENED * length).max(f32::MIN_POSITIVE);
+            let shown = shown(reference, &samples, Vec3::from(camera.world_from_camera.translation));
+            (weight * of_length.min(1.0) * shown, camera)
         });
         best(judged.collect()).unwrap_or_else(|| fit(points, Vec3::Z, size))
     };

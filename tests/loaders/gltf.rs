@@ -1007,3 +1007,34 @@ fn shared_accessors_cannot_ask_for_unbounded_memory() {
     draft.json["meshes"][0]["primitives"] = json!(vec![primitive; 2000]);
     draft.refused("bomb.glb", "meshes[0].primitives[", "triangle corners");
 }
+
+/// Exporters that turn a mesh inside out turn its triangles and not its normals. A mesh of which some triangles agree keeps
+/// its winding, which alone tells the front in glTF.
+#[test]
+fn triangles_that_all_face_against_their_normals_are_turned() {
+    for (normals, turned) in [([-1.0_f32, -1.0], true), ([1.0, 1.0], false), ([-1.0, 1.0], false)] {
+        let quad = |z: f32| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]];
+        let positions = [quad(0.0), quad(1.0)].concat().concat();
+        let normals = normals.map(|z| [0.0, 0.0, z].repeat(3)).concat();
+        let bytes: Vec<u8> = positions.iter().chain(&normals).flat_map(|v: &f32| v.to_le_bytes()).collect();
+        let data = base64::Engine::encode(&base64::engine::general_purpose::STANDARD, &bytes);
+        let view = |start: usize| json!({"buffer": 0, "byteOffset": start, "byteLength": 72});
+        let accessor = |view: usize| json!({"bufferView": view, "componentType": 5126, "count": 6, "type": "VEC3"});
+        let mut of_positions = accessor(0);
+        of_positions["min"] = json!([0, 0, 0]);
+        of_positions["max"] = json!([1, 1, 1]);
+        let document = json!({
+            "asset": {"version": "2.0"},
+            "buffers": [{"byteLength": 144, "uri": format!("data:application/octet-stream;base64,{data}")}],
+            "bufferViews": [view(0), view(72)],
+            "accessors": [of_positions, accessor(1)],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1}}]}],
+            "nodes": [{"mesh": 0}],
+            "scenes": [{"nodes": [0]}],
+        });
+        let scene = scene::load_bytes("a.gltf", document.to_string().as_bytes(), &|_| None).unwrap();
+        assert_eq!(scene.meshes[0].triangles[0], if turned { [0, 2, 1] } else { [0, 1, 2] });
+        let said = scene.warnings.iter().any(|w| w.contains("face against their normals"));
+        assert_eq!(said, turned, "{:?}", scene.warnings);
+    }
+}

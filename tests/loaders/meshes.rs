@@ -48,6 +48,18 @@ fn material_files_become_the_model() {
     }
 }
 
+/// A file that would show nothing at all is drawn; where something else is seen, what is invisible stays so.
+#[test]
+fn files_of_invisible_materials_are_drawn() {
+    let faces = "usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\n";
+    let none = obj("newmtl a\nKd 1 1 1\nd 0\nnewmtl b\nTr 1\n", faces, &[]);
+    assert!(none.materials.iter().all(|m| m.opacity.is_none()), "{:?}", none.materials);
+    assert!(none.warnings.iter().any(|w| w.contains("opacity 0")), "{:?}", none.warnings);
+    let some = obj("newmtl a\nKd 1 1 1\nd 0\nnewmtl b\nKd 1 1 1\n", faces, &[]);
+    let opacities = some.materials.iter().map(|m| m.opacity).collect::<Vec<_>>();
+    assert_eq!(opacities, [Some(Opacity::Blended { value: 0.0.into() }), None]);
+}
+
 /// A texture keeps its rows: v points up in the file. What is not there is a warning, and grey.
 #[test]
 fn textures_and_what_is_missing() {

@@ -11,6 +11,7 @@ use super::accessor::Accessor;
 use super::file::File;
 use crate::scene::animation::{Deformation, MorphTarget, Skin};
 use crate::scene::check::MAX_TRIANGLES;
+use crate::scene::load::meshes::{face_along_normals, faces_against_normals};
 use crate::scene::{LoadError, Mesh};
 
 /// Maximum number of triangle corners of one file. A larger file is an error, so that a small file cannot
@@ -156,7 +157,12 @@ pub(super) fn load(
     }
     let vertices = used_vertices(&mut triangles, positions.count);
     let source = Source { file, primitive, place, positions, vertices };
-    let mesh = source.mesh(triangles)?;
+    let mut mesh = source.mesh(triangles)?;
+    // Of a skin, joints may mirror the mesh.
+    if wanted.joints.is_none() && faces_against_normals(&mesh) {
+        face_along_normals(&mut mesh);
+        warnings.push(format!("all triangles of {place} face against their normals: they are turned"));
+    }
     let deformation = source.deformation(wanted, budget)?;
     Ok(Some((mesh, deformation)))
 }

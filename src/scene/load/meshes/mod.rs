@@ -11,7 +11,7 @@ use super::files::Files;
 use crate::scene::model::normals::smooth_normals;
 use crate::scene::model::tangents;
 use crate::scene::model::texture::linear_from_srgb;
-use crate::scene::{Instance, LoadError, Material, Mesh, Scene, Sides};
+use crate::scene::{Instance, LoadError, Material, Mesh, Opacity, Scene, Sides};
 
 mod mtl;
 pub(super) mod obj;
@@ -40,6 +40,11 @@ pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         let material = library.material(name, files, &mut scene);
         let part = if triangles.len() == mesh.triangles.len() { mesh.clone() } else { subset(&mesh, &triangles) };
         add(&mut scene, Mesh { name: name.to_owned(), material, ..part });
+    }
+    let invisible = |m: &Material| m.opacity == Some(Opacity::Blended { value: 0.0.into() });
+    if !scene.materials.is_empty() && scene.materials.iter().all(invisible) {
+        scene.warn("all materials have the opacity 0, as some exporters write it: they are drawn opaque");
+        scene.materials.iter_mut().for_each(|material| material.opacity = None);
     }
     Ok(scene)
 }
@@ -104,16 +109,26 @@ fn add(scene: &mut Scene, mesh: Mesh) {
 
 /// Winds triangles so that their fronts are where their normals point. A mesh without normals keeps its winding.
 pub(super) fn face_along_normals(mesh: &mut Mesh) {
-    if mesh.normals.is_empty() {
-        return;
-    }
-    for triangle in &mut mesh.triangles {
-        let [a, b, c] = triangle.map(|i| mesh.positions[i as usize]);
-        let normal: Vec3 = triangle.map(|i| mesh.normals[i as usize]).iter().sum();
-        if (b - a).cross(c - a).dot(normal) < 0.0 {
-            triangle.swap(1, 2);
+    for i in 0..mesh.triangles.len() {
+        if along_normals(mesh, mesh.triangles[i]) < 0.0 {
+            mesh.triangles[i].swap(1, 2);
         }
     }
+}
+
+/// Returns true if no triangle faces where its normals point.
+pub(super) fn faces_against_normals(mesh: &Mesh) -> bool {
+    !mesh.normals.is_empty() && mesh.triangles.iter().all(|triangle| along_normals(mesh, *triangle) < 0.0)
+}
+
+/// Returns how far a triangle's front points along its normals; below 0 they are on its back.
+fn along_normals(mesh: &Mesh, triangle: [u32; 3]) -> f32 {
+    if mesh.normals.is_empty() {
+        return 0.0;
+    }
+    let [a, b, c] = triangle.map(|i| mesh.positions[i as usize]);
+    let normal: Vec3 = triangle.map(|i| mesh.normals[i as usize]).iter().sum();
+    (b - a).cross(c - a).dot(normal)
 }
 
 /// Returns some of a mesh's triangles with the vertices that they use.
