@@ -56,8 +56,9 @@ fn files_of_invisible_materials_are_drawn() {
     assert!(none.materials.iter().all(|m| m.opacity.is_none()), "{:?}", none.materials);
     assert!(none.warnings.iter().any(|w| w.contains("opacity 0")), "{:?}", none.warnings);
     let some = obj("newmtl a\nKd 1 1 1\nd 0\nnewmtl b\nKd 1 1 1\n", faces, &[]);
+    // Light passes what is invisible as it passes a hole.
     let opacities = some.materials.iter().map(|m| m.opacity).collect::<Vec<_>>();
-    assert_eq!(opacities, [Some(Opacity::Blended { value: 0.0.into() }), None]);
+    assert_eq!(opacities, [Some(Opacity::CutOut { value: 0.0.into(), cutoff: 0.5 }), None]);
 }
 
 /// A texture keeps its rows: v points up in the file. What is not there is a warning, and grey.
