@@ -27,6 +27,9 @@ pub(super) enum ShapeMaterial {
     Bumped(Box<Surface>),
 }
 
+/// A mesh, and the names of its materials with the triangles at which each begins.
+type Named = (Mesh, Vec<(String, usize)>);
+
 impl<'a> Loader<'a> {
     /// Adds a shape of the scene.
     pub(super) fn shape(&mut self, element: &'a Element) -> Result<(), LoadError> {
@@ -176,13 +179,8 @@ impl<'a> Loader<'a> {
         Ok(parts.into_iter().map(|(bsdf, triangles)| (bsdf, subset(&mesh, &triangles))).collect())
     }
 
-    /// Reads a mesh file, with the names and ranges of its parts; none, with a warning, if it is not there.
-    fn mesh_file(
-        &mut self,
-        plugin: &Plugin<'a>,
-        kind: &str,
-        mirrored: bool,
-    ) -> Result<Option<(Mesh, Vec<(String, usize)>)>, LoadError> {
+    /// Reads a mesh file; none, with a warning, if it is not there.
+    fn mesh_file(&mut self, plugin: &Plugin<'a>, kind: &str, mirrored: bool) -> Result<Option<Named>, LoadError> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error(format!("`{kind}` needs a `filename`")))?;
         let path = match self.search.find(element, name) {
