@@ -1172,6 +1172,7 @@ fn files_of_other_systems_are_found_and_missing_ones_are_warnings() {
         file("shape", "obj", "models\\face.OBJ", &diffuse("C:\\work\\maps\\wood.PNG")),
         file("shape", "obj", "Models/Face.obj", &diffuse("none.png")),
         file("shape", "ply", "none.ply", ""),
+        file("shape", "ply", &"a/".repeat(100_000), ""),
         file("emitter", "envmap", "none.hdr", "<float name=\"scale\" value=\"3\"/>"),
     ];
     let scene = scene_in(&folder, "3.0.0", &body.concat());

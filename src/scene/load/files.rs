@@ -26,6 +26,9 @@ pub(super) fn find(files: &dyn Files, folders: &[&Path], name: &str) -> Option<P
     spellings.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| files.has(path))
 }
 
+/// Most bytes of a path that is looked for in another case, as on Linux, where no path is longer.
+const LONGEST_PATH: usize = 4096;
+
 /// The file system. Names count as equal when they differ in the case of letters alone and no file has the name
 /// itself: scenes come from systems where they are.
 pub struct Disk;
@@ -33,7 +36,7 @@ pub struct Disk;
 impl Disk {
     /// Returns the path under which the file system has something, or the path itself.
     fn actual(path: &Path) -> Cow<'_, Path> {
-        if path.exists() {
+        if path.exists() || path.as_os_str().len() > LONGEST_PATH {
             Cow::Borrowed(path)
         } else {
             Self::in_any_case(path).map_or(Cow::Borrowed(path), Cow::Owned)
