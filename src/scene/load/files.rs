@@ -35,12 +35,9 @@ pub struct Disk;
 
 impl Disk {
     /// Returns the path under which the file system has something, or the path itself.
-    fn actual(path: &Path) -> Cow<'_, Path> {
-        if path.exists() || path.as_os_str().len() > LONGEST_PATH {
-            Cow::Borrowed(path)
-        } else {
-            Self::in_any_case(path).map_or(Cow::Borrowed(path), Cow::Owned)
-        }
+    fn actual(path: &Path) -> PathBuf {
+        let short = path.as_os_str().len() <= LONGEST_PATH;
+        short.then(|| Self::in_any_case(path)).flatten().unwrap_or_else(|| path.to_owned())
     }
 
     fn in_any_case(path: &Path) -> Option<PathBuf> {

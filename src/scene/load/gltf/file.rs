@@ -200,11 +200,6 @@ impl<'a> File<'a> {
         Ok(&data[offset as usize..end as usize])
     }
 
-    /// Resolves a path relative to the file's folder.
-    pub fn beside(&self, name: &str) -> PathBuf {
-        self.path.parent().unwrap_or(Path::new("")).join(name)
-    }
-
     /// Reads the bytes of a `data:` URI or of a relative path.
     pub fn fetch(&self, uri: &str, place: &str) -> Result<Vec<u8>, LoadError> {
         if let Some(rest) = uri.strip_prefix("data:") {
@@ -227,7 +222,7 @@ impl<'a> File<'a> {
     }
 
     /// Returns the path of a file by its URI, of the file that is there if one is.
-    fn local(&self, uri: &str, place: &str) -> Result<PathBuf, LoadError> {
+    pub fn local(&self, uri: &str, place: &str) -> Result<PathBuf, LoadError> {
         let name = String::from_utf8(percent_decoded(uri)).map_err(|_| self.error(place, "the uri is not UTF-8"))?;
         if name.contains("://") {
             return Err(self.error(place, format!("`{name}` is not a local file: download it and refer to the copy")));

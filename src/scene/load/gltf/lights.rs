@@ -88,7 +88,7 @@ impl Loader<'_> {
                 let place = format!("EXT_lights_ies.lights[{}]", used.light);
                 let (bytes, path) = match (&profile.uri, profile.buffer_view) {
                     (Some(uri), _) => {
-                        let path = if uri.starts_with("data:") { file.path.clone() } else { file.beside(uri) };
+                        let path = if uri.starts_with("data:") { file.path.clone() } else { file.local(uri, &place)? };
                         (file.fetch(uri, &place)?, path)
                     }
                     (None, Some(view)) => (file.view(Index::new(view), &place)?.to_vec(), file.path.clone()),

@@ -116,7 +116,7 @@ pub(super) fn face_along_normals(mesh: &mut Mesh) {
     }
 }
 
-/// Returns true if no triangle faces where its normals point.
+/// Returns true if all triangles face against their normals, and none is degenerate.
 pub(super) fn faces_against_normals(mesh: &Mesh) -> bool {
     !mesh.normals.is_empty() && mesh.triangles.iter().all(|triangle| along_normals(mesh, *triangle) < 0.0)
 }
