@@ -15,6 +15,7 @@ use common::{gpu, gpu_with_ray_queries, one_at_a_time, picture, raster, referenc
 use glam::{Mat3, Vec3};
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
+use lightsheaf::metrics;
 use lightsheaf::render::renderer::Renderer as _;
 use lightsheaf::render::shared::SharedRenderer;
 use lightsheaf::render::subpaths::PathRenderer;
@@ -407,6 +408,26 @@ fn the_roughness_clamp_vanishes() {
     // The clamp leaves a lobe of width alpha alone from about 16 / alpha^2 samples on: 1,600 for the block.
     assert!(many_bias < 0.7 * few_bias, "{few_bias} with 8 samples, {many_bias} with 128");
     assert!(many_mean.abs() < few_mean.abs() && many_mean.abs() < 0.03, "{few_mean}, then {many_mean}");
+}
+
+/// Where directions of their own find the light in a lobe, nothing is widened. Weights know a lobe's own width, so
+/// that they would count what is widened twice.
+#[test]
+fn lobes_are_not_widened_that_find_a_large_light() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = builtin::load("cornell_area").unwrap();
+    for material in &mut scene.materials {
+        if material.emission.is_none() {
+            material.bsdf = Bsdf::Conductor { alpha: 0.1.into(), fresnel: Fresnel::None, specular: Vec3::splat(0.7).into() };
+        }
+    }
+    let of = |clamp_samples| {
+        pictures(gpu, &scene, &Settings { samples: 4, clamp_samples, interleave: Some(2), ..settings(1) })
+    };
+    let brighter: Vec<f64> = of(None).iter().zip(of(Some(0.0))).map(|(film, open)| metrics::compare(film, &open).unwrap().mean_bias).collect();
+    let mean = brighter.iter().sum::<f64>() / brighter.len() as f64;
+    println!("mean_bias against open lobes {mean}: {brighter:?}");
+    assert!(mean.abs() < 0.001, "{mean}: {brighter:?}");
 }
 
 /// Each candidate of a pool counts as a sample, so that the clamp opens earlier.
