@@ -418,13 +418,18 @@ fn lobes_are_not_widened_that_find_a_large_light() {
     let mut scene = builtin::load("cornell_area").unwrap();
     for material in &mut scene.materials {
         if material.emission.is_none() {
-            material.bsdf = Bsdf::Conductor { alpha: 0.1.into(), fresnel: Fresnel::None, specular: Vec3::splat(0.7).into() };
+            material.bsdf =
+                Bsdf::Conductor { alpha: 0.1.into(), fresnel: Fresnel::None, specular: Vec3::splat(0.7).into() };
         }
     }
     let of = |clamp_samples| {
         pictures(gpu, &scene, &Settings { samples: 4, clamp_samples, interleave: Some(2), ..settings(1) })
     };
-    let brighter: Vec<f64> = of(None).iter().zip(of(Some(0.0))).map(|(film, open)| metrics::compare(film, &open).unwrap().mean_bias).collect();
+    let brighter: Vec<f64> = of(None)
+        .iter()
+        .zip(of(Some(0.0)))
+        .map(|(film, open)| metrics::compare(film, &open).unwrap().mean_bias)
+        .collect();
     let mean = brighter.iter().sum::<f64>() / brighter.len() as f64;
     println!("mean_bias against open lobes {mean}: {brighter:?}");
     assert!(mean.abs() < 0.001, "{mean}: {brighter:?}");

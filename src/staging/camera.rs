@@ -6,6 +6,7 @@
 //! height measure if these are enclosed, and the visible distance.
 
 use std::f32::consts::{PI, TAU};
+use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -47,7 +48,8 @@ const DIRECTIONS: usize = 96;
 /// Sine of the elevation above which the surroundings of a point without a ceiling may be open.
 const OPEN_ABOVE: f32 = 0.35;
 
-/// Height of the eye above the floor in rooms of a natural size, metres.
+/// Heights of rooms of a natural size, and of the eye above their floors, metres.
+const NATURAL_HEIGHTS: Range<f32> = 2.0..20.0;
 const EYE_HEIGHT: f32 = 1.6;
 
 /// Least fraction of the directions around a point that hit surfaces, in a closed room and in a scene that is
@@ -73,6 +75,11 @@ const SHOWN_OF_A_STAGE: f32 = 0.1;
 /// it: 0.07 or less and 0.3 or more in houses with openings, 0.11 or more and 0.2 or less in hollow objects and cars.
 const SHOWN_OF_A_HOUSE: f32 = 0.09;
 const PLACES_OF_A_HOUSE: f32 = 0.25;
+
+/// The same where spaces are not of a natural height: the largest fraction of the surfaces that is visible from outside a room,
+/// 0.15 or more in hollow objects, and the least share of the points in a house, 0.33 or less in them.
+const SEEN_OF_A_MODEL: f32 = 0.05;
+const PLACES_OF_A_MODEL: f32 = 0.5;
 
 /// Share of an object's length below which a view counts less, such as one along a tube.
 const SHORTENED: f32 = 0.5;
@@ -114,6 +121,8 @@ struct Sample {
 struct Place {
     eye: Vec3,
     closed: f32,
+    /// The space is as high as rooms are.
+    natural: bool,
 }
 
 /// Chooses a camera for an image size in pixels. It frames the reference's own pose, and `posed`: [`subject_points`] of
@@ -164,7 +173,8 @@ pub fn choose(reference: &Reference, posed: &[Vec3], size: [u32; 2]) -> (Camera,
         }
         let closed = eyes(places, CLOSED);
         let eyes = if closed.is_empty() { eyes(places, PARTLY_CLOSED) } else { closed };
-        let is_house = of_surfaces < SHOWN_OF_A_HOUSE || share_of_places(places) >= PLACES_OF_A_HOUSE;
+        let least = if are_natural(places) { PLACES_OF_A_HOUSE } else { PLACES_OF_A_MODEL };
+        let is_house = of_surfaces < SHOWN_OF_A_HOUSE || share_of_places(places) >= least;
         if is_house && let Some(camera) = inside(reference, &samples, &eyes, size) {
             return (camera, Subject::Room);
         }
@@ -406,6 +416,11 @@ fn share_of_places(places: &[Place]) -> f32 {
     places.len() as f32 / (PLACES * PLACES * LEVELS) as f32
 }
 
+/// Returns true if at least half of the places are in spaces of a natural height.
+fn are_natural(places: &[Place]) -> bool {
+    2 * places.iter().filter(|place| place.natural).count() >= places.len()
+}
+
 fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     let places = places(reference);
     let enclosed = share_of_places(&places);
@@ -418,7 +433,8 @@ fn enclosure(reference: &Reference, samples: &[Sample]) -> Enclosure {
     log::debug!(
         "camera: {enclosed} of the places are enclosed, {share} of these closed; {outside} is seen from outside"
     );
-    if share >= SHARE_CLOSED && outside <= SEEN_FROM_OUTSIDE * (1.0 + share) {
+    let seen_of_a_room = if are_natural(&places) { SEEN_FROM_OUTSIDE * (1.0 + share) } else { SEEN_OF_A_MODEL };
+    if share >= SHARE_CLOSED && outside <= seen_of_a_room {
         Enclosure::Room(rooms)
     } else if enclosed >= PLACES_OF_A_STAGE && outside <= SEEN_OF_A_STAGE {
         Enclosure::Stage(places)
@@ -496,11 +512,11 @@ fn places(reference: &Reference) -> Vec<Place> {
         let floor = reference.closest_hit(start, Vec3::NEG_Y, None)?.t;
         let ceiling = reference.closest_hit(start, Vec3::Y, None).map_or(high.y - start.y, |hit| hit.t);
         let height = floor + ceiling;
-        let natural = (2.0..20.0).contains(&height);
+        let natural = NATURAL_HEIGHTS.contains(&height);
         let (above, step) = if natural { (EYE_HEIGHT, 0.5) } else { (0.5 * height, 0.15 * height) };
         let eye = start + Vec3::Y * (above - floor);
         let around = surroundings(reference, eye);
-        (around.closed >= PARTLY_CLOSED && around.free > step).then_some(Place { eye, closed: around.closed })
+        (around.closed >= PARTLY_CLOSED && around.free > step).then_some(Place { eye, closed: around.closed, natural })
     };
     (0..PLACES * PLACES * LEVELS).into_par_iter().filter_map(place).collect()
 }

@@ -117,6 +117,22 @@ fn hollow_ball() -> Scene {
     })
 }
 
+/// Returns a scene of metres whose unit is taken for a centimetre.
+fn in_centimetres(mut scene: Scene) -> Scene {
+    let scale = Affine3A::from_scale(Vec3::splat(100.0));
+    scene.instances.iter_mut().for_each(|i: &mut Instance| i.world_from_local = scale * i.world_from_local);
+    scene
+}
+
+/// Returns a closed ball of this radius, metres, with a space in it.
+fn shell(radius: f32) -> Scene {
+    of(|scene| {
+        let ball = shapes::icosphere(3);
+        place(scene, ball.clone(), Sides::OneCulled, Vec3::splat(radius), Vec3::ZERO);
+        place(scene, inverted(ball), Sides::OneCulled, Vec3::splat(0.95 * radius), Vec3::ZERO);
+    })
+}
+
 fn city() -> Scene {
     of(|scene| {
         for n in 0..400_u32 {
@@ -220,12 +236,21 @@ fn scenes() -> Vec<Expected> {
         expect("corridor", Subject::Room, full, "lamp", room(Vec3::new(1.0, 1.3, 12.0), false)),
         expect("room", Subject::Room, full, "lamp", room(Vec3::new(3.0, 1.4, 4.0), false)),
         expect("room with a window", Subject::Room, full, "sky", room(Vec3::new(3.0, 1.4, 4.0), true)),
-        expect("room in centimetres", Subject::Room, full, "lamp", {
-            let mut scene = room(Vec3::new(3.0, 1.4, 4.0), false);
-            let scale = Affine3A::from_scale(Vec3::splat(100.0));
-            scene.instances.iter_mut().for_each(|i: &mut Instance| i.world_from_local = scale * i.world_from_local);
-            scene
-        }),
+        expect(
+            "room in centimetres",
+            Subject::Room,
+            full,
+            "lamp",
+            in_centimetres(room(Vec3::new(3.0, 1.4, 4.0), false)),
+        ),
+        expect(
+            "room with a window in centimetres",
+            Subject::Room,
+            full,
+            "sky",
+            in_centimetres(room(Vec3::new(3.0, 1.4, 4.0), true)),
+        ),
+        expect("shell", Subject::Object, thing, "studio", shell(0.2)),
         expect(
             "room of one sheet",
             Subject::Room,
