@@ -4,7 +4,8 @@ use std::path::Path;
 
 use crate::common;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use lightsheaf::scene::model::shapes;
 use lightsheaf::scene::{self, Boundary, Bsdf, Material, Opacity, Scene, Sides};
 use lightsheaf::staging::{self, Staging};
 
@@ -84,6 +85,95 @@ fn textures_and_what_is_missing() {
     assert!(bare.warnings[0].contains("gone.mtl"), "{:?}", bare.warnings);
     let error = scene::load_bytes("box.obj", b"v 0 0 x\n", &|_| None).unwrap_err().to_string();
     assert!(error.contains("line 1") && error.contains("`x` is not a number"), "{error}");
+}
+
+/// Statements over several lines, UTF-16, and what a file refers to and does not have: other programs draw such files, too.
+#[test]
+fn obj_files_as_programs_write_them() {
+    let load = |bytes: &[u8]| scene::load_bytes("box.obj", bytes, &|_| None).unwrap_or_else(|e| panic!("{e}"));
+    let over_lines = format!("# C:\\ends\\\n{QUAD}f 1 2 \\\n3 \\\r\n4\n");
+    let units: Vec<u16> = format!("{QUAD}f 1 2 3 4\n").encode_utf16().collect();
+    let utf16 = |mark: [u8; 2], bytes: fn(u16) -> [u8; 2]| {
+        mark.into_iter().chain(units.iter().flat_map(|&unit| bytes(unit))).collect::<Vec<_>>()
+    };
+    for bytes in [
+        over_lines.into_bytes(),
+        utf16([0xff, 0xfe], u16::to_le_bytes),
+        utf16([0xfe, 0xff], u16::to_be_bytes),
+        format!("\u{feff}{QUAD}f 1 2 3 4\n").into_bytes(),
+    ] {
+        let scene = load(&bytes);
+        assert_eq!(scene.meshes[0].triangles, [[0, 1, 2], [0, 2, 3]], "{:?}", String::from_utf8_lossy(&bytes));
+        assert_eq!(scene.meshes[0].positions[2], Vec3::new(1.0, 1.0, 0.0));
+        assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    }
+    let lost = load(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 1 1\nf 1/1/1 2/2/1 3/1/1\nf 1 2\nf 3\n");
+    assert_eq!((lost.meshes[0].triangles.len(), lost.meshes[0].uvs[0][1]), (1, Vec2::new(0.0, 1.0)));
+    assert_eq!(lost.warnings.len(), 2, "{:?}", lost.warnings);
+    assert!(lost.warnings[0].ends_with("4 are left out") && lost.warnings[1].ends_with(": 2"), "{:?}", lost.warnings);
+}
+
+/// A texture that a comment names, with coordinates of vertices or of corners; v points up.
+#[test]
+fn ply_files_have_their_texture() {
+    let mut png = Vec::new();
+    image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0]))
+        .write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)
+        .unwrap();
+    let resolver = |name: &str| (name == "a skin.png").then(|| png.clone());
+    let head = "ply\nformat ascii 1.0\ncomment TextureFile a skin.png\nelement vertex 4\nproperty float x\nproperty float y\n\
+        property float z\n";
+    let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+    let faces = "element face 2\nproperty list uchar int vertex_indices\n";
+    let of_vertices = format!(
+        "{head}property float s\nproperty float t\n{faces}end_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 0.25\n0 1 0 0 1\n\
+         3 0 1 2\n3 0 2 3\n"
+    );
+    // The diagonal has other coordinates on its two sides.
+    let of_corners = format!(
+        "{head}{colors}{faces}property list uchar float texcoord\nend_header\n0 0 0 9 9 9\n1 0 0 9 9 9\n1 1 0 9 9 9\n0 1 0 9 9 9\n\
+         3 0 1 2 6 0 0 1 0 1 0.25\n3 0 2 3 6 0.5 0 1 1 0 1\n"
+    );
+    for (text, vertices) in [(of_vertices, 4), (of_corners, 6)] {
+        let scene = scene::load_bytes("scan.ply", text.as_bytes(), &resolver).unwrap();
+        let mesh = &scene.meshes[0];
+        assert!(scene.warnings.is_empty() && mesh.colors.is_empty(), "{:?}", scene.warnings);
+        assert_eq!((mesh.positions.len(), mesh.triangles.len()), (vertices, 2));
+        assert_eq!(mesh.uvs[0][mesh.triangles[0][2] as usize], Vec2::new(1.0, 0.75));
+        assert!(mesh.normals.iter().all(|n| n.abs_diff_eq(Vec3::Z, 1e-6)), "{:?}", mesh.normals);
+        let Bsdf::Diffuse { reflectance } = scene.materials[0].bsdf else { panic!("not diffuse") };
+        assert!(reflectance.texture.is_some() && reflectance.factor == Vec3::ONE);
+    }
+}
+
+/// A box without normals has flat faces and sharp edges, a ball none.
+#[test]
+fn ply_files_without_normals_keep_sharp_edges() {
+    let load = |positions: &[Vec3], triangles: &[[u32; 3]]| {
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            positions.len(),
+            triangles.len()
+        );
+        positions.iter().for_each(|p| text.push_str(&format!("{} {} {}\n", p.x, p.y, p.z)));
+        triangles.iter().for_each(|[a, b, c]| text.push_str(&format!("3 {a} {b} {c}\n")));
+        scene::load_bytes("scan.ply", text.as_bytes(), &|_| None).unwrap().meshes.remove(0)
+    };
+    let corners: Vec<Vec3> = (0..8).map(|n| Vec3::new((n & 1) as f32, (n >> 1 & 1) as f32, (n >> 2) as f32)).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let sides: Vec<[u32; 3]> = quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    let cube = load(&corners, &sides);
+    assert_eq!((cube.positions.len(), cube.triangles.len()), (24, 12));
+    for triangle in &cube.triangles {
+        let [a, b, c] = triangle.map(|i| cube.positions[i as usize]);
+        let face = (b - a).cross(c - a).normalize();
+        assert!(triangle.iter().all(|&i| cube.normals[i as usize].abs_diff_eq(face, 1e-6)), "{triangle:?}");
+    }
+    let ball = shapes::icosphere(1);
+    let mesh = load(&ball.positions, &ball.triangles);
+    assert_eq!((mesh.positions.len(), mesh.triangles.len()), (ball.positions.len(), ball.triangles.len()));
+    assert!(mesh.normals.iter().zip(&mesh.positions).all(|(n, p)| n.dot(p.normalize()) > 0.99), "{:?}", mesh.normals);
 }
 
 #[test]

@@ -3,15 +3,18 @@
 //! As scenes they have neither cameras nor, mostly, light, which staging adds. Their surfaces have two sides, since programs
 //! wind triangles either way.
 
+use std::borrow::Cow;
 use std::path::Path;
 
-use glam::{Affine3A, Vec3};
+use glam::{Affine2, Affine3A, Vec3};
 
-use super::files::Files;
-use crate::scene::model::normals::smooth_normals;
+use super::files::{Files, find};
+use crate::scene::model::normals::add_creased_normals;
 use crate::scene::model::tangents;
 use crate::scene::model::texture::linear_from_srgb;
-use crate::scene::{Instance, LoadError, Material, Mesh, Opacity, Scene, Sides};
+use crate::scene::{
+    Bsdf, Color, Filter, Image, Instance, LoadError, Material, Mesh, Opacity, Scene, Sides, Texture, TextureRef, Wrap,
+};
 
 mod mtl;
 pub(super) mod obj;
@@ -26,12 +29,12 @@ const GREY: f32 = 0.6;
 /// # Errors
 /// A file that is missing or malformed is an error with its line.
 pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let obj::Parsed { mut mesh, materials, libraries } = obj::parse(path, &files.read(path)?)?;
+    let obj::Parsed { mut mesh, materials, libraries, warnings } = obj::parse(path, &in_utf8(files.read(path)?))?;
     // v points up in the file.
     mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     face_along_normals(&mut mesh);
     decode_colors(&mut mesh);
-    let mut scene = Scene::default();
+    let mut scene = Scene { warnings, ..Scene::default() };
     let mut library = mtl::Library::new(reflectance_without_material(&mesh));
     for name in &libraries {
         library.read(path, name, files, &mut scene)?;
@@ -49,25 +52,37 @@ pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     Ok(scene)
 }
 
-/// Loads a PLY file with its vertex colours. Without normals it is smooth.
+/// Loads a PLY file with its vertex colours, or with the texture that it names. Without normals it is smooth but for sharp
+/// edges.
 ///
 /// # Errors
 /// A file that is missing or malformed is an error with its place.
 pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let mut mesh = ply::parse(path, &files.read(path)?)?;
+    let ply::Parsed { mut mesh, texture } = ply::parse(path, &files.read(path)?)?;
+    let points = mesh.positions.len();
+    // v points up in the file.
+    mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     if mesh.normals.is_empty() {
-        mesh.normals = smooth_normals(&mesh.positions, &mesh.triangles);
+        add_creased_normals(&mut mesh);
     }
     face_along_normals(&mut mesh);
     decode_colors(&mut mesh);
     let mut scene = Scene::default();
-    if mesh.triangles.is_empty() && !mesh.positions.is_empty() {
-        let points = mesh.positions.len();
+    let mut material = plain("mesh", reflectance_without_material(&mesh));
+    if let Some(name) = texture.filter(|_| !mesh.uvs[0].is_empty())
+        && let Some(image) = add_image(&name, path.parent().unwrap_or(Path::new("")), files, &mut scene)
+    {
+        // Colours of vertices stand for the texture where there is none.
+        mesh.colors.clear();
+        let texture = Some(texture_of(image, true, &mut scene));
+        material.bsdf = Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture } };
+    }
+    if mesh.triangles.is_empty() && points > 0 {
         scene.warn(format!(
             "the file has {points} points and no faces, so that there is no surface: make a mesh of them"
         ));
     }
-    scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
+    scene.materials.push(material);
     add(&mut scene, mesh);
     Ok(scene)
 }
@@ -83,6 +98,41 @@ pub fn load_stl(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
     add(&mut scene, mesh);
     Ok(scene)
+}
+
+/// Returns a text file in UTF-8, without the mark of its encoding: programs of Windows write UTF-16, too.
+fn in_utf8(bytes: Cow<'_, [u8]>) -> Cow<'_, [u8]> {
+    let decoded = |unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes[2..].as_chunks().0.iter().copied().map(unit).collect();
+        Cow::Owned(String::from_utf16_lossy(&units).into_bytes())
+    };
+    match bytes.get(..3) {
+        Some([0xff, 0xfe, _]) => decoded(u16::from_le_bytes),
+        Some([0xfe, 0xff, _]) => decoded(u16::from_be_bytes),
+        Some([0xef, 0xbb, 0xbf]) => Cow::Owned(bytes[3..].to_vec()),
+        _ => bytes,
+    }
+}
+
+/// Adds an image that a file refers to; none, with a warning, if it is not there or not an image.
+fn add_image(name: &str, folder: &Path, files: &dyn Files, scene: &mut Scene) -> Option<usize> {
+    let path = find(files, &[folder], name).unwrap_or_else(|| folder.join(name));
+    match files.read(&path).map_err(|e| e.cause).and_then(|bytes| Image::decode(&bytes, name)) {
+        Ok(image) => {
+            scene.images.push(image);
+            Some(scene.images.len() - 1)
+        }
+        Err(cause) => {
+            scene.warn(format!("the texture `{name}` is left out: {cause}"));
+            None
+        }
+    }
+}
+
+/// Adds a texture that repeats an image.
+fn texture_of(image: usize, srgb: bool, scene: &mut Scene) -> TextureRef {
+    scene.textures.push(Texture { image, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb });
+    TextureRef { texture: scene.textures.len() - 1, uv_set: 0, transform: Affine2::IDENTITY }
 }
 
 /// Decodes vertex colours, which programs write as they are shown.

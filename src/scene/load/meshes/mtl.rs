@@ -5,14 +5,11 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use glam::{Affine2, Vec3};
+use glam::Vec3;
 
-use super::plain;
+use super::{add_image, in_utf8, plain, texture_of};
 use crate::scene::load::files::{Files, find};
-use crate::scene::{
-    Boundary, Bsdf, Color, Emission, Filter, Image, LoadError, Material, Opacity, Scalar, Scene, Sides, Texture,
-    TextureRef, Wrap,
-};
+use crate::scene::{Boundary, Bsdf, Color, Emission, LoadError, Material, Opacity, Scalar, Scene, Sides, TextureRef};
 
 /// Reflectance up to which a surface that mirrors has no base.
 const DARK: f32 = 0.1;
@@ -69,7 +66,7 @@ impl Library {
             scene.warn(format!("the material file `{name}` does not exist beside the mesh: its surfaces are grey"));
             return Ok(());
         };
-        let bytes = files.read(&path)?;
+        let bytes = in_utf8(files.read(&path)?);
         let mut name = None;
         for line in bytes.split(|&b| b == b'\n') {
             let line = String::from_utf8_lossy(line);
@@ -174,21 +171,8 @@ impl Library {
         // Options come before the name, which may have blanks if there are none.
         let text = text?.trim();
         let name = if text.starts_with('-') { text.split_whitespace().last()? } else { text };
-        let image = *self.images.entry(name.to_owned()).or_insert_with(|| {
-            let path = find(files, &[&self.folder], name).unwrap_or_else(|| self.folder.join(name));
-            let decoded = files.read(&path).map_err(|e| e.cause).and_then(|bytes| Image::decode(&bytes, name));
-            match decoded {
-                Ok(image) => {
-                    scene.images.push(image);
-                    Some(scene.images.len() - 1)
-                }
-                Err(cause) => {
-                    scene.warn(format!("the texture `{name}` is left out: {cause}"));
-                    None
-                }
-            }
-        });
-        scene.textures.push(Texture { image: image?, wrap: [Wrap::Repeat; 2], filter: Filter::Linear, srgb });
-        Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, transform: Affine2::IDENTITY })
+        let folder = &self.folder;
+        let image = *self.images.entry(name.to_owned()).or_insert_with(|| add_image(name, folder, files, scene));
+        Some(texture_of(image?, srgb, scene))
     }
 }

@@ -3,6 +3,7 @@
 //! This is not a crate's parser, so that every error names its line and corners may omit attributes that
 //! others have.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -21,6 +22,8 @@ pub(in crate::scene) struct Parsed {
     pub materials: Vec<(String, usize)>,
     /// Names of material files.
     pub libraries: Vec<String>,
+    /// What is wrong with the file and left out.
+    pub warnings: Vec<String>,
 }
 
 /// Returns the triangles of each material by its name, which is empty for those before the first one.
@@ -39,9 +42,11 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
     parts
 }
 
-/// Parses a mesh; v points up as in the file. Polygons are split into fans.
+/// Parses a mesh; v points up as in the file. Polygons are split into fans. A `\` at the end of a line continues it.
 ///
 /// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour white.
+/// Those that a corner refers to and that the file does not have are missing, too. Faces of less than three corners show
+/// nothing.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     // Of positions, as many as the last one that has a colour needs.
@@ -51,11 +56,16 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     let mut mesh = Mesh::default();
     let mut polygon: Vec<u32> = Vec::new();
     let (mut materials, mut libraries) = (Vec::new(), Vec::new());
-    for (number, line) in bytes.split(|&b| b == b'\n').enumerate() {
+    let (mut lost, mut edges) = (0_usize, 0_usize);
+    let mut lines = bytes.split(|&b| b == b'\n').map(statement).enumerate();
+    while let Some((number, mut line)) = lines.next() {
         let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
-        // Names may be in any encoding; numbers are ASCII.
-        let line = String::from_utf8_lossy(line);
-        let mut words = line.split('#').next().unwrap_or_default().split_whitespace();
+        while let Some(begun) = line.strip_suffix('\\')
+            && let Some((_, rest)) = lines.next()
+        {
+            line = format!("{begun} {rest}").into();
+        }
+        let mut words = line.split_whitespace();
         let floats = |words: std::str::SplitWhitespace| -> Result<[f32; 3], LoadError> {
             let mut out = [0.0_f32; 3];
             let mut count = 0;
@@ -90,7 +100,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                 polygon.clear();
                 for word in words {
                     let counts = [positions.len(), uvs.len(), normals.len()];
-                    let corner = corner(word, counts).map_err(&error)?;
+                    let corner = corner(word, counts, &mut lost).map_err(&error)?;
                     let next = corners.len() as u32;
                     let index = *vertices.entry(corner).or_insert(next);
                     if index == next {
@@ -101,10 +111,9 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                     }
                     polygon.push(index);
                 }
-                if polygon.len() < 3 {
-                    return Err(error(format!("a face with {} corners", polygon.len())));
-                }
-                mesh.triangles.extend(polygon[1..].windows(2).map(|pair| [polygon[0], pair[0], pair[1]]));
+                edges += usize::from(polygon.len() < 3);
+                let pairs = polygon.get(1..).unwrap_or_default().windows(2);
+                mesh.triangles.extend(pairs.map(|pair| [polygon[0], pair[0], pair[1]]));
             }
             Some("usemtl") => materials.push((words.collect::<Vec<_>>().join(" "), mesh.triangles.len())),
             Some("mtllib") => libraries.push(words.collect::<Vec<_>>().join(" ")),
@@ -123,24 +132,43 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     if !corners.is_empty() && corners.iter().all(|c| c[2].is_some()) {
         mesh.normals = corners.iter().filter_map(|c| c[2].map(|i| normals[i as usize])).collect();
     }
-    Ok(Parsed { mesh, materials, libraries })
+    let mut warnings = Vec::new();
+    if lost > 0 {
+        warnings.push(format!(
+            "texture coordinates or normals that corners refer to are not in the file: {lost} are left out"
+        ));
+    }
+    if edges > 0 {
+        warnings.push(format!("faces of less than three corners are left out: {edges}"));
+    }
+    Ok(Parsed { mesh, materials, libraries, warnings })
 }
 
-/// Parses `position/uv/normal` with one-based indices, of which negative ones count back from the latest.
-fn corner(word: &str, counts: [usize; 3]) -> Result<Corner, String> {
+/// Returns a line without its comment. Names may be in any encoding; numbers are ASCII.
+fn statement(line: &[u8]) -> Cow<'_, str> {
+    let line = line.split(|&b| b == b'#').next().unwrap_or_default();
+    String::from_utf8_lossy(line.trim_ascii_end())
+}
+
+/// Parses `position/uv/normal` with one-based indices, of which negative ones count back from the latest. Counts texture
+/// coordinates and normals that are not there.
+fn corner(word: &str, counts: [usize; 3], lost: &mut usize) -> Result<Corner, String> {
     let mut corner = [None; 3];
     let mut parts = word.split('/');
-    for ((slot, count), name) in corner.iter_mut().zip(counts).zip(["vertex", "texture coordinate", "normal"]) {
+    for (kind, (slot, count)) in corner.iter_mut().zip(counts).enumerate() {
         let Some(part) = parts.next() else { break };
         if part.is_empty() {
             continue;
         }
         let index: i64 = part.parse().map_err(|_| format!("`{word}` is not a corner"))?;
         let from_zero = if index < 0 { count as i64 + index } else { index - 1 };
-        if !(0..count.min(u32::MAX as usize) as i64).contains(&from_zero) {
-            return Err(format!("refers to {name} {index} of {count}"));
+        if (0..count.min(u32::MAX as usize) as i64).contains(&from_zero) {
+            *slot = Some(from_zero as u32);
+        } else if kind == 0 {
+            return Err(format!("refers to vertex {index} of {count}"));
+        } else {
+            *lost += 1;
         }
-        *slot = Some(from_zero as u32);
     }
     if corner[0].is_none() || parts.next().is_some() {
         return Err(format!("`{word}` is not a corner"));

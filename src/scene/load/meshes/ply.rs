@@ -1,19 +1,28 @@
-//! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates, colours, polygons and
-//! triangle strips.
+//! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates of vertices or of faces' corners,
+//! colours, polygons and triangle strips.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{Vec2, Vec3, Vec4};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 
+use crate::scene::model::tangents;
 use crate::scene::{LoadError, Mesh};
+
+/// What a PLY file holds.
+pub(in crate::scene) struct Parsed {
+    pub mesh: Mesh,
+    /// Name of its texture, which MeshLab and others write as a comment.
+    pub texture: Option<String>,
+}
 
 /// Parses a mesh. Texture coordinates stay unchanged.
 ///
 /// Polygons are split into fans. Errors name the line of an ASCII file, and the vertex or face of a binary
 /// one.
-pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadError> {
+pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let at_line = |e: ParseError| match e.line() {
         Some(line) => LoadError::at(path, format!("line {line}"), tidy(&e.to_string())),
         None => LoadError::new(path, tidy(&e.to_string())),
@@ -88,7 +97,34 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Mesh, LoadErr
         add_strip(strip, vertices.len(), &mut mesh.triangles)
             .map_err(|cause| LoadError::at(path, "tristrips", cause))?;
     }
-    Ok(mesh)
+    if faces.iter().any(|face| !face.uvs.is_empty()) {
+        give_uvs_to_corners(&faces, &mut mesh);
+    }
+    let texture = |comment: &String| Some(comment.trim().strip_prefix("TextureFile")?.trim().to_owned());
+    Ok(Parsed { mesh, texture: header.comments.iter().find_map(texture) })
+}
+
+/// Gives corners of triangles the texture coordinates that faces have for them: vertices that have several become several.
+/// Those of a face that has not two for each corner are zero.
+fn give_uvs_to_corners(faces: &[Face], mesh: &mut Mesh) {
+    let mut of_corners = Vec::with_capacity(3 * mesh.triangles.len());
+    for face in faces {
+        let corners = face.corners.as_ref().map_or(0, Vec::len);
+        let whole = face.uvs.len() == 2 * corners && face.uvs.iter().all(|v| v.is_finite());
+        let uv = |corner: usize| if whole { [face.uvs[2 * corner], face.uvs[2 * corner + 1]] } else { [0.0; 2] };
+        of_corners.extend((2..corners).flat_map(|last| [uv(0), uv(last - 1), uv(last)]));
+    }
+    let mut vertices: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+    let (mut sources, mut uvs) = (Vec::new(), Vec::new());
+    for (corner, uv) in mesh.triangles.as_flattened_mut().iter_mut().zip(of_corners) {
+        *corner = *vertices.entry((*corner, uv.map(f32::to_bits))).or_insert_with(|| {
+            sources.push(*corner);
+            uvs.push(Vec2::from(uv));
+            sources.len() as u32 - 1
+        });
+    }
+    tangents::select(mesh, &sources);
+    mesh.uvs[0] = uvs;
 }
 
 /// Splits polygons into fans and checks their indices.
@@ -190,6 +226,8 @@ impl PropertyAccess for Vertex {
 struct Face {
     /// Corner indices; `None` if an index is negative or not an integer.
     corners: Option<Vec<u32>>,
+    /// Texture coordinates of each corner; empty if the vertices have them.
+    uvs: Vec<f32>,
 }
 
 impl PropertyAccess for Face {
@@ -198,10 +236,11 @@ impl PropertyAccess for Face {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if name != "vertex_indices" && name != "vertex_index" {
-            return PropertyAccessResult::Ignored;
+        match (name, property) {
+            ("vertex_indices" | "vertex_index", corners) => self.corners = corners.to_u32_list(),
+            ("texcoord", Property::ListFloat(uvs)) => self.uvs = uvs,
+            _ => return PropertyAccessResult::Ignored,
         }
-        self.corners = property.to_u32_list();
         PropertyAccessResult::Set
     }
 }

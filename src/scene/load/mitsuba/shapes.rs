@@ -196,10 +196,11 @@ impl<'a> Loader<'a> {
         let (mut mesh, flat) = match kind {
             "obj" => {
                 let parsed = obj::parse(&path, &bytes)?;
+                parsed.warnings.iter().for_each(|warning| self.warn(format!("`{name}`: {warning}")));
                 materials = parsed.materials;
                 (parsed.mesh, false)
             }
-            "ply" => (ply::parse(&path, &bytes)?, false),
+            "ply" => (ply::parse(&path, &bytes)?.mesh, false),
             _ => {
                 let index = plugin.integer("shape_index")?.unwrap_or(0);
                 let index = usize::try_from(index).map_err(|_| element.error("shape_index is negative"))?;
