@@ -123,6 +123,21 @@ pub enum Bsdf {
 }
 
 impl Bsdf {
+    /// Returns a diffuse base under highlights of any colour at normal incidence: a dielectric whose index of 0 reflects
+    /// everything (KHR_materials_ior), so that `reflectance` alone remains.
+    #[must_use]
+    pub fn highlighted(base_color: Color, reflectance: Color, roughness: Scalar) -> Self {
+        Self::MetallicRoughness {
+            base_color,
+            metallic: 0.0.into(),
+            roughness,
+            ior: 0.0,
+            specular: 1.0.into(),
+            specular_color: reflectance,
+            transmission: 0.0.into(),
+        }
+    }
+
     /// Returns GGX width and reflectance at normal incidence of a material's specular lobe. None without a
     /// lobe, or with a roughness texture.
     #[must_use]

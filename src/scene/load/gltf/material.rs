@@ -173,7 +173,7 @@ impl Materials {
     }
 
     /// Converts KHR_materials_pbrSpecularGlossiness to a dielectric whose reflectance at normal incidence is
-    /// the specular colour: an index of 0 reflects everything (KHR_materials_ior), and the colour tints it.
+    /// the specular colour.
     fn specular_glossiness(
         &mut self,
         file: &File,
@@ -199,18 +199,9 @@ impl Materials {
                 Scalar { factor: 1.0, texture: Some((texture, 3)) }
             }
         };
-        let bsdf = Bsdf::MetallicRoughness {
-            base_color,
-            metallic: 0.0.into(),
-            roughness,
-            ior: 0.0,
-            specular: 1.0.into(),
-            specular_color: Color {
-                factor: Vec3::from(pbr.specular_factor.0).clamp(Vec3::ZERO, Vec3::ONE),
-                texture: specular,
-            },
-            transmission: 0.0.into(),
-        };
+        let reflectance =
+            Color { factor: Vec3::from(pbr.specular_factor.0).clamp(Vec3::ZERO, Vec3::ONE), texture: specular };
+        let bsdf = Bsdf::highlighted(base_color, reflectance, roughness);
         Ok(Base { bsdf, base_color, alpha: Scalar { factor: factor.w, texture: base_color.texture.map(|t| (t, 3)) } })
     }
 

@@ -258,7 +258,7 @@ impl<'a> Loader<'a> {
     }
 
     /// Converts Mitsuba 0.5's models without Fresnel's equations to a dielectric whose reflectance at normal incidence is
-    /// the lobe's: an index of 0 reflects everything, and the colour tints it.
+    /// the lobe's.
     fn highlights(&mut self, plugin: &Plugin<'a>, alpha: f32) -> Result<Bsdf, LoadError> {
         let kind = plugin.element.plugin();
         self.warn(format!(
@@ -270,15 +270,8 @@ impl<'a> Loader<'a> {
         // The dielectric's base has what the facets let in; there both parts add up, to at most 1. Textures stay as they are.
         let most = specular_color.texture.map_or(specular_color.factor.max_element(), |_| 0.0);
         let let_in = (1.0 - most).max(f32::MIN_POSITIVE);
-        Ok(Bsdf::MetallicRoughness {
-            base_color: Color { factor: (diffuse.factor / let_in).min(Vec3::ONE), ..diffuse },
-            metallic: 0.0.into(),
-            roughness: alpha.sqrt().into(),
-            ior: 0.0,
-            specular: 1.0.into(),
-            specular_color,
-            transmission: 0.0.into(),
-        })
+        let base_color = Color { factor: (diffuse.factor / let_in).min(Vec3::ONE), ..diffuse };
+        Ok(Bsdf::highlighted(base_color, specular_color, alpha.sqrt().into()))
     }
 
     /// Returns the opacity of BSDFs that light passes unbent. Polarizing filters pass half of light that is not polarized.
