@@ -146,6 +146,20 @@ fn ply_files_have_their_texture() {
     }
 }
 
+/// Corners that have no texture coordinates where others have them are at zero: of strips, and of faces with too few.
+#[test]
+fn ply_files_may_lack_texture_coordinates_of_some_corners() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\n\
+        element tristrips 1\nproperty list int int vertex_indices\nend_header\n\
+        0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 6 0 0.5 1 0.5 1 0.5\n3 0 2 3 2 1 1\n3 1 2 3\n";
+    let mesh = scene::load_bytes("scan.ply", text.as_bytes(), &|_| None).unwrap().meshes.remove(0);
+    let corners: Vec<_> = mesh.triangles.as_flattened().iter().map(|&i| mesh.uvs[0][i as usize].y).collect();
+    assert_eq!(corners, [0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    let places: Vec<_> = mesh.triangles[2].map(|i| mesh.positions[i as usize].truncate()).to_vec();
+    assert_eq!(places, [Vec2::X, Vec2::ONE, Vec2::Y]);
+}
+
 /// A box without normals has flat faces and sharp edges, a ball none.
 #[test]
 fn ply_files_without_normals_keep_sharp_edges() {

@@ -105,7 +105,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
 }
 
 /// Gives corners of triangles the texture coordinates that faces have for them: vertices that have several become several.
-/// Those of a face that has not two for each corner are zero.
+/// Those of strips, and of a face that has not two for each corner, are zero.
 fn give_uvs_to_corners(faces: &[Face], mesh: &mut Mesh) {
     let mut of_corners = Vec::with_capacity(3 * mesh.triangles.len());
     for face in faces {
@@ -116,6 +116,7 @@ fn give_uvs_to_corners(faces: &[Face], mesh: &mut Mesh) {
     }
     let mut vertices: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
     let (mut sources, mut uvs) = (Vec::new(), Vec::new());
+    let of_corners = of_corners.into_iter().chain(std::iter::repeat([0.0; 2]));
     for (corner, uv) in mesh.triangles.as_flattened_mut().iter_mut().zip(of_corners) {
         *corner = *vertices.entry((*corner, uv.map(f32::to_bits))).or_insert_with(|| {
             sources.push(*corner);
