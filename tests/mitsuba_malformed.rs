@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use lightsheaf::scene::load::files::Disk;
 use lightsheaf::scene::load::mitsuba;
-use lightsheaf::scene::{Geometry, LoadError};
+use lightsheaf::scene::{Geometry, LoadError, Scene};
 
 /// Time limit for one file.
 const TIME_LIMIT: Duration = Duration::from_secs(5);
@@ -20,8 +20,8 @@ fn folder() -> PathBuf {
     path
 }
 
-/// Returns the error of a scene whose body starts in line 2, with other files beside it.
-fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
+/// Loads a scene whose body starts in line 2, with other files beside it.
+fn load(body: &str, files: &[(&str, &[u8])]) -> Result<Scene, LoadError> {
     let folder = folder();
     for (name, bytes) in files {
         std::fs::write(folder.join(name), bytes).unwrap();
@@ -31,7 +31,12 @@ fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
     let start = Instant::now();
     let result = mitsuba::load(&path, &Disk);
     assert!(start.elapsed() < TIME_LIMIT, "{body:.200} took {:?}", start.elapsed());
-    match result {
+    result
+}
+
+/// Returns the error of such a scene.
+fn error(body: &str, files: &[(&str, &[u8])]) -> LoadError {
+    match load(body, files) {
         Ok(_) => panic!("no error: {body:.300}"),
         Err(error) => error,
     }
@@ -263,6 +268,22 @@ fn wrong_obj_files_are_errors_with_their_line() {
         ("v 0 0 0\nf 1 1 1/1/1/1\n", "line 2", ""),
     ] {
         check(&error(body, &[("m.obj", text.as_bytes())]), "m.obj", place, cause);
+    }
+}
+
+/// What other programs leave out, too, is named: the rest of the mesh is drawn.
+#[test]
+fn what_obj_files_lack_is_a_warning() {
+    let body = "<shape type=\"obj\"><string name=\"filename\" value=\"m.obj\"/></shape>";
+    for (faces, warning) in [
+        ("f 1/1 2 3\n", "texture coordinates or normals that corners refer to are not in the file: 1"),
+        ("f 1//1 2 3\n", "texture coordinates or normals that corners refer to are not in the file: 1"),
+        ("f 1 2\nf 1 2 3\n", "faces of less than three corners are left out: 1"),
+    ] {
+        let text = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}");
+        let scene = load(body, &[("m.obj", text.as_bytes())]).unwrap();
+        assert_eq!(Geometry::new(&scene).triangles.len(), 1);
+        assert!(scene.warnings.iter().any(|w| w.contains("`m.obj`") && w.contains(warning)), "{:?}", scene.warnings);
     }
 }
 

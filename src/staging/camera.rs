@@ -76,8 +76,8 @@ const SHOWN_OF_A_STAGE: f32 = 0.1;
 const SHOWN_OF_A_HOUSE: f32 = 0.09;
 const PLACES_OF_A_HOUSE: f32 = 0.25;
 
-/// The same where spaces are not of a natural height: the largest fraction of the surfaces that is visible from outside a room,
-/// 0.15 or more in hollow objects, and the least share of the points in a house, 0.33 or less in them.
+/// [`SEEN_FROM_OUTSIDE`] and [`PLACES_OF_A_HOUSE`] where spaces are not of a natural height: 0.15 or more of the surfaces are
+/// visible from outside hollow objects, which enclose 0.33 or less of the points.
 const SEEN_OF_A_MODEL: f32 = 0.05;
 const PLACES_OF_A_MODEL: f32 = 0.5;
 

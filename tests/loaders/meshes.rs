@@ -24,6 +24,13 @@ fn material(mtl: &str) -> Material {
     obj(&format!("newmtl m\n{mtl}\n"), "usemtl m\nf 1/1 2/2 3/3 4/4\n", &[]).materials.remove(0)
 }
 
+/// Returns the bytes of a PNG file.
+fn png(image: &image::RgbImage) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    image.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    bytes
+}
+
 #[test]
 fn material_files_become_the_model() {
     let wall = material("Kd 0.7 0.5 0.3\nKs 0 0 0\nNs 10\nillum 2");
@@ -65,10 +72,7 @@ fn files_of_invisible_materials_are_drawn() {
 /// A texture keeps its rows: v points up in the file. What is not there is a warning, and grey.
 #[test]
 fn textures_and_what_is_missing() {
-    let mut png = Vec::new();
-    image::RgbImage::from_fn(1, 2, |_, y| image::Rgb([255 * (1 - y as u8), 0, 0]))
-        .write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)
-        .unwrap();
+    let png = png(&image::RgbImage::from_fn(1, 2, |_, y| image::Rgb([255 * (1 - y as u8), 0, 0])));
     let mtl = "newmtl a\nKd 1 1 1\nmap_Kd -clamp on wood.png\nnewmtl b\nKd 0.2 0.2 0.2\nmap_Kd none.png\n";
     let body = "f 1 2 3\nusemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1 2 3\nusemtl a\nf 1/1 3/3 4/4\nusemtl c\nf 1 2 3\n";
     let scene = obj(mtl, body, &[("wood.png", png)]);
@@ -116,10 +120,7 @@ fn obj_files_as_programs_write_them() {
 /// A texture that a comment names, with coordinates of vertices or of corners; v points up.
 #[test]
 fn ply_files_have_their_texture() {
-    let mut png = Vec::new();
-    image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0]))
-        .write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png)
-        .unwrap();
+    let png = png(&image::RgbImage::from_pixel(1, 1, image::Rgb([255, 0, 0])));
     let resolver = |name: &str| (name == "a skin.png").then(|| png.clone());
     let head = "ply\nformat ascii 1.0\ncomment TextureFile a skin.png\nelement vertex 4\nproperty float x\nproperty float y\n\
         property float z\n";
@@ -188,6 +189,13 @@ fn ply_files_without_normals_keep_sharp_edges() {
     let mesh = load(&ball.positions, &ball.triangles);
     assert_eq!((mesh.positions.len(), mesh.triangles.len()), (ball.positions.len(), ball.triangles.len()));
     assert!(mesh.normals.iter().zip(&mesh.positions).all(|(n, p)| n.dot(p.normalize()) > 0.99), "{:?}", mesh.normals);
+    // A vertex of many faces takes no longer than as many vertices.
+    let corner = |n: u32| Vec3::new((n as f32 * 3e-5).cos(), (n as f32 * 3e-5).sin(), 0.0);
+    let rim: Vec<Vec3> = std::iter::once(Vec3::ZERO).chain((0..=200_000).map(corner)).collect();
+    let began = std::time::Instant::now();
+    let fan = load(&rim, &(1..=200_000).map(|n| [0, n, n + 1]).collect::<Vec<_>>());
+    assert!(began.elapsed().as_secs() < 10, "{:?}", began.elapsed());
+    assert!(fan.positions.len() == rim.len() && fan.normals.iter().all(|n| n.abs_diff_eq(Vec3::Z, 1e-3)));
 }
 
 #[test]

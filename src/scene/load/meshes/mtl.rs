@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 
+use super::obj::statement;
 use super::{add_image, in_utf8, plain, texture_of};
 use crate::scene::load::files::{Files, find};
 use crate::scene::{Boundary, Bsdf, Color, Emission, LoadError, Material, Opacity, Scalar, Scene, Sides, TextureRef};
@@ -69,8 +70,8 @@ impl Library {
         let bytes = in_utf8(files.read(&path)?);
         let mut name = None;
         for line in bytes.split(|&b| b == b'\n') {
-            let line = String::from_utf8_lossy(line);
-            let line = line.split('#').next().unwrap_or_default().trim();
+            let line = statement(line);
+            let line = line.trim();
             let (keyword, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
             match (keyword.to_ascii_lowercase().as_str(), &name) {
                 ("newmtl", _) => {

@@ -145,7 +145,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
 }
 
 /// Returns a line without its comment. Names may be in any encoding; numbers are ASCII.
-fn statement(line: &[u8]) -> Cow<'_, str> {
+pub(super) fn statement(line: &[u8]) -> Cow<'_, str> {
     let line = line.split(|&b| b == b'#').next().unwrap_or_default();
     String::from_utf8_lossy(line.trim_ascii_end())
 }
