@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use glam::{DVec3, Vec3};
 use rayon::iter::{IntoParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
 
-use crate::common::harness::{NONE, VisibilityHarness};
+use crate::common::harness::{NONE, Point, VisibilityHarness};
 
 /// Share of answers that may differ in exact mode.
 pub const TOLERATED: f64 = 0.0005;
@@ -82,13 +82,20 @@ impl VisibilityHarness<'_> {
         self.source.materials[self.geometry().materials[triangle as usize] as usize].opacity.is_some()
     }
 
-    fn coplanar(&self, triangle: u32, other: u32) -> bool {
-        if other == NONE {
-            return false;
-        }
-        let [a, b, c] = self.geometry().positions(other as usize).map(Vec3::as_dvec3);
+    /// True if a point lies in the plane of a triangle, within rounding.
+    fn in_plane(&self, point: Vec3, of: u32) -> bool {
+        let [a, b, c] = self.geometry().positions(of as usize).map(Vec3::as_dvec3);
         let n = (b - a).cross(c - a).normalize();
-        self.geometry().positions(triangle as usize).iter().all(|p| n.dot(p.as_dvec3() - a).abs() < self.rounding())
+        n.dot(point.as_dvec3() - a).abs() < self.rounding()
+    }
+
+    fn coplanar(&self, triangle: u32, other: u32) -> bool {
+        other != NONE && self.geometry().positions(triangle as usize).into_iter().all(|p| self.in_plane(p, other))
+    }
+
+    /// True if light can pass between two points: neither lies in the plane of the other's triangle.
+    pub fn face_each_other(&self, p: Point, q: Point) -> bool {
+        !self.in_plane(p.position, q.triangle) && !self.in_plane(q.position, p.triangle)
     }
 
     /// Returns the class of a triangle that only one side hit, on a ray of a given length.
@@ -162,9 +169,14 @@ impl Tally {
         }
     }
 
+    /// Returns the number of differences of each class.
+    pub fn why(&self) -> String {
+        let classes: Vec<_> = self.classes.iter().map(|(class, n)| format!("{class:?} {n}").to_lowercase()).collect();
+        classes.join(", ")
+    }
+
     /// Returns a row of a Markdown table.
     pub fn row(&self, scene: &str, what: &str) -> String {
-        let classes: Vec<_> = self.classes.iter().map(|(class, n)| format!("{class:?} {n}").to_lowercase()).collect();
         let bias = if self.gathered[1] > 0.0 {
             format!("{:+.4} %", 100.0 * (self.gathered[0] / self.gathered[1] - 1.0))
         } else {
@@ -177,7 +189,7 @@ impl Tally {
             100.0 * self.share(),
             self.too_near,
             self.too_far,
-            classes.join(", "),
+            self.why(),
         )
     }
 }

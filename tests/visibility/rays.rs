@@ -3,6 +3,7 @@
 use glam::Vec3;
 use lightsheaf::gpu::{Flag, Gpu};
 use lightsheaf::render::sampler::uniform_sphere;
+use lightsheaf::render::visibility::grid::frame_of;
 use lightsheaf::render::visibility::tracer::Tracing;
 use lightsheaf::scene::{self, Instance, Material, Mesh, Scene};
 
@@ -34,11 +35,31 @@ fn device(tracing: Tracing) -> Option<&'static Gpu> {
     if tracing == Tracing::RayQuery { common::gpu_with_ray_queries() } else { common::gpu() }
 }
 
+/// Compares answers to queries of [`ASK_EDGE`] with the CPU's.
+pub fn compare_edges(harness: &VisibilityHarness, queries: &[RayQuestion], answers: &[[u32; 2]]) -> Tally {
+    let mut tally = Tally::default();
+    tally.asked = queries.len();
+    for (answer, q) in answers.iter().zip(queries) {
+        let [from, to] = [q.position, q.towards].map(Vec3::from);
+        let hidden = harness.reference.occluded(from, to, Some(q.own), Some(q.end));
+        if (answer[0] == 0) != hidden {
+            let class = harness.classify_edge(from, to, [q.own, q.end]);
+            tally.count(!hidden, class, || format!("{from} on {} to {to} on {}", q.own, q.end));
+        }
+    }
+    tally
+}
+
 /// Compares nearest hits, edges, and visibility of infinity.
-fn ray_tallies(harness: &VisibilityHarness, tracing: Tracing, count: usize, seed: u64) -> [(&'static str, Tally); 3] {
+pub fn ray_tallies(
+    harness: &VisibilityHarness,
+    tracing: Tracing,
+    count: usize,
+    seed: u64,
+) -> [(&'static str, Tally); 3] {
     let points = Points::new(harness.geometry());
     let mut random = Random(seed);
-    let (mut nearest, mut edges, mut infinity) = (Tally::default(), Tally::default(), Tally::default());
+    let (mut nearest, mut infinity) = (Tally::default(), Tally::default());
     let rays: Vec<(Point, Vec3)> =
         (0..count).map(|_| (points.draw(&mut random), uniform_sphere(random.pair()))).collect();
     let ask = |kind| {
@@ -65,20 +86,11 @@ fn ray_tallies(harness: &VisibilityHarness, tracing: Tracing, count: usize, seed
     }
 
     let ends: Vec<(Point, Point)> = std::iter::repeat_with(|| (points.draw(&mut random), points.draw(&mut random)))
-        .filter(|(p, q)| p.triangle != q.triangle)
+        .filter(|(p, q)| harness.face_each_other(*p, *q))
         .take(count)
         .collect();
     let queries: Vec<_> = ends.iter().map(|(p, q)| ray_question(ASK_EDGE, *p, q.position, q.triangle)).collect();
-    edges.asked = count;
-    for (answer, (p, q)) in harness.query_rays(tracing, &queries).iter().zip(&ends) {
-        let hidden = harness.reference.occluded(p.position, q.position, Some(p.triangle), Some(q.triangle));
-        if (answer[0] == 0) != hidden {
-            let class = harness.classify_edge(p.position, q.position, [p.triangle, q.triangle]);
-            edges.count(!hidden, class, || {
-                format!("{} on {} to {} on {}", p.position, p.triangle, q.position, q.triangle)
-            });
-        }
-    }
+    let edges = compare_edges(harness, &queries, &harness.query_rays(tracing, &queries));
     [("nearest", nearest), ("edges", edges), ("infinity", infinity)]
 }
 
@@ -132,7 +144,7 @@ fn soup(triangles: Vec<[Vec3; 3]>) -> Scene {
 }
 
 /// Returns thin and long triangles in all directions, and some that are points and lines.
-fn needles() -> Scene {
+pub fn needles() -> Scene {
     let mut random = Random(7);
     let mut needle = || {
         let at = Vec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
@@ -144,7 +156,7 @@ fn needles() -> Scene {
 }
 
 /// Returns a ball of 20,000 triangles, 1 cm wide, in a hall of 100 m.
-fn small_in_large() -> Scene {
+pub fn small_in_large() -> Scene {
     let mut scene = displaced_room(20_000);
     scene.meshes[0].positions.iter_mut().for_each(|p| *p = *p * 5e-3 + Vec3::new(31.0, -7.0, 12.0));
     let side = |axis: usize, end: f32| {
@@ -217,6 +229,39 @@ fn grids_are_robust() {
         println!("{}\n{}", tally.row(name, "odd rays"), tally.examples.join("\n"));
         assert!(!tally.classes.contains_key(&Class::Unexplained), "{name}, odd rays: {tally:?}");
     }
+}
+
+/// Rays that enter a cell on the border of two sub-cells of the one before: two of its planes are met at once, of
+/// which one leaves a sub-cell alone.
+#[test]
+fn grids_miss_nothing_behind_edges_of_cells() {
+    let Some(gpu) = device(Tracing::Grid) else { return };
+    let scene = displaced_room(60_000);
+    let harness = VisibilityHarness::new(gpu, &scene, false);
+    let frame = frame_of(&harness.scene.traced(), &gpu.capabilities);
+    let (low, scale) = (Vec3::from(frame.low).as_dvec3(), f64::from(frame.scale));
+    let (points, mut random) = (Points::new(harness.geometry()), Random(3));
+    let mut through_an_edge = |n: usize| {
+        let w = uniform_sphere(random.pair());
+        // In cells: back from a point of a surface to where the ray entered its cell, and aside to a border of sub-cells.
+        let end = (points.draw(&mut random).position.as_dvec3() - low) * scale;
+        let (entered, aside) = (n % 3, (n + 1 + n / 3 % 2) % 3);
+        let side = (3 + n / 6 % 4) as f64;
+        let plane = if w[entered] > 0.0 { end[entered].floor() } else { end[entered].ceil() };
+        let mut edge = end - w.as_dvec3() * ((end[entered] - plane) / f64::from(w[entered]));
+        edge[aside] = (edge[aside] * side).round() / side;
+        let from = edge - w.as_dvec3() * 2.0 * f64::from(random.unit());
+        ((low + from / scale).as_vec3(), w, NONE)
+    };
+    let rays: Vec<_> = (0..200_000).map(&mut through_an_edge).collect();
+    let asked: Vec<_> = rays
+        .iter()
+        .map(|&(position, w, triangle)| ray_question(ASK_NEAREST, Point { position, triangle }, w, NONE))
+        .collect();
+    let mut tally = Tally::default();
+    compare_nearest(&harness, &mut tally, &rays, &harness.query_rays(Tracing::Grid, &asked), true);
+    println!("{HEAD}\n{}\n{}", tally.row("displaced room", "through edges"), tally.examples.join("\n"));
+    assert!(!tally.classes.contains_key(&Class::Unexplained), "{tally:?}");
 }
 
 /// Missing holes and a wrong direction are found.

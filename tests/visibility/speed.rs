@@ -9,15 +9,15 @@ use std::time::Instant;
 
 use glam::{Vec2, Vec3};
 use lightsheaf::render::visibility::tracer::Tracing;
-use lightsheaf::scene::{self, Scene};
+use lightsheaf::scene::{self, Opacity, Scene};
 use lightsheaf::staging::{self, Staging};
-use rayon::iter::{IndexedParallelIterator as _, IntoParallelRefIterator as _, ParallelIterator as _};
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
 use crate::agreement::{Tally, compare_nearest};
 use crate::common::harness::{NONE, Point, VisibilityHarness};
 use crate::common::random::Random;
 use crate::common::shaders::RayQuestion;
-use crate::rays::{ASK_EDGE, ASK_NEAREST, ray_question};
+use crate::rays::{ASK_EDGE, ASK_NEAREST, compare_edges, ray_question};
 use crate::{common, cornell};
 
 /// Rays along each side of the picture, a multiple of [`TILE`].
@@ -65,14 +65,14 @@ fn cosine_distributed(normal: Vec3, [u, v]: [f32; 2]) -> Vec3 {
 }
 
 /// Returns queries for bounces, mirrored rays and edges.
-fn questions(seen: &[Seen]) -> [(&'static str, Vec<RayQuestion>); 3] {
+fn questions(harness: &VisibilityHarness, seen: &[Seen]) -> [(&'static str, Vec<RayQuestion>); 3] {
     let mut random = Random(3);
     let bounce = |s: &Seen, w| ray_question(ASK_NEAREST, s.point, w, NONE);
     let bounces = seen.iter().map(|s| bounce(s, cosine_distributed(s.normal, random.pair()))).collect();
     let mirrored = seen.iter().map(|s| bounce(s, s.along.reflect(s.normal))).collect();
     let mut edge = || loop {
         let [p, q] = [(); 2].map(|()| seen[random.below(seen.len() as u64)].point);
-        if p.triangle != q.triangle {
+        if harness.face_each_other(p, q) {
             return ray_question(ASK_EDGE, p, q.position, q.triangle);
         }
     };
@@ -80,20 +80,15 @@ fn questions(seen: &[Seen]) -> [(&'static str, Vec<RayQuestion>); 3] {
     [("bounces", bounces), ("mirrored", mirrored), ("edges", edges)]
 }
 
-/// Returns the share of answers that differ from the CPU's.
-fn share_of_differences(harness: &VisibilityHarness, queries: &[RayQuestion], answers: &[[u32; 2]]) -> f64 {
-    let ends = |q: &RayQuestion| (Vec3::from(q.position), Vec3::from(q.towards));
-    if queries[0].kind == ASK_NEAREST {
-        let rays: Vec<_> = queries.iter().map(|q| (ends(q).0, ends(q).1, q.own)).collect();
-        let mut tally = Tally::default();
-        compare_nearest(harness, &mut tally, &rays, answers, true);
-        return tally.share();
+/// Compares answers with the CPU's.
+fn differences(harness: &VisibilityHarness, queries: &[RayQuestion], answers: &[[u32; 2]]) -> Tally {
+    if queries[0].kind == ASK_EDGE {
+        return compare_edges(harness, queries, answers);
     }
-    let differs = |(q, answer): &(&RayQuestion, &[u32; 2])| {
-        let (start, end) = ends(q);
-        harness.reference.occluded(start, end, Some(q.own), Some(q.end)) != (answer[0] == 0)
-    };
-    queries.par_iter().zip(answers).filter(differs).count() as f64 / queries.len() as f64
+    let rays: Vec<_> = queries.iter().map(|q| (Vec3::from(q.position), Vec3::from(q.towards), q.own)).collect();
+    let mut tally = Tally::default();
+    compare_nearest(harness, &mut tally, &rays, answers, true);
+    tally
 }
 
 fn median(mut of: Vec<f64>) -> f64 {
@@ -101,8 +96,9 @@ fn median(mut of: Vec<f64>) -> f64 {
     of[of.len() / 2]
 }
 
-/// Returns the scenes; those that are not beside the checkout are left out.
-fn scenes() -> Vec<(&'static str, Scene)> {
+/// Returns the scenes; those that are not beside the checkout are left out. Blended surfaces are cut out at half, so that
+/// the CPU and the device decide alike.
+pub fn scenes() -> Vec<(&'static str, Scene)> {
     let staged = |path: String| staging::load(&path, &Staging::default()).unwrap();
     let mut scenes =
         vec![("Cornell box", cornell()), ("displaced room", scene::builtin::load("displaced_room:60000").unwrap())];
@@ -111,13 +107,24 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         scenes.push(("Sponza", file("gltf/Sponza/glTF/Sponza.gltf")));
         scenes.push(("living-room", file("mitsuba/living-room/scene.xml")));
     }
+    for material in scenes.iter_mut().flat_map(|(_, scene)| &mut scene.materials) {
+        if let Some(Opacity::Blended { value }) = material.opacity.take_if(|o| matches!(o, Opacity::Blended { .. })) {
+            material.opacity = Some(Opacity::CutOut { value, cutoff: 0.5 });
+        }
+    }
     scenes.retain(|(name, _)| asked_for("SCENES", name));
     scenes
 }
 
 /// True if an environment variable is not set, or one of the words in it is part of a name.
-fn asked_for(variable: &str, name: &str) -> bool {
+pub fn asked_for(variable: &str, name: &str) -> bool {
     std::env::var(variable).map_or(true, |words| words.split(',').any(|word| name.contains(word)))
+}
+
+/// Returns the algorithms that are asked for.
+pub fn tracers() -> Vec<Tracing> {
+    let all = [Tracing::RayQuery, Tracing::Grid, Tracing::Bvh];
+    all.into_iter().filter(|tracing| asked_for("TRACERS", &format!("{tracing:?}"))).collect()
 }
 
 /// Measures nearest hits of cosine-distributed and of mirrored rays from what the camera sees, and edges
@@ -133,17 +140,16 @@ fn rays_a_second() {
     for (name, scene) in &scenes() {
         let harness = VisibilityHarness::new(gpu, scene, false);
         let seen = seen(&harness);
-        let questions = questions(&seen);
-        let tracers: Vec<_> = [Tracing::RayQuery, Tracing::Grid, Tracing::Bvh]
-            .into_iter()
-            .filter(|tracing| asked_for("TRACERS", &format!("{tracing:?}")))
-            .collect();
-        let shares: Vec<_> = tracers
+        let questions = questions(&harness, &seen);
+        let tracers = tracers();
+        let differ: Vec<_> = tracers
             .iter()
             .map(|&tracing| {
                 questions.each_ref().map(|(_, queries)| {
                     let answers = harness.query_rays(tracing, queries);
-                    share_of_differences(&harness, queries, &answers)
+                    let tally = differences(&harness, queries, &answers);
+                    tally.examples.iter().for_each(|example| println!("{example}"));
+                    format!("{:.4} % {}", 100.0 * tally.share(), tally.why()).trim_end().to_owned()
                 })
             })
             .collect();
@@ -159,15 +165,14 @@ fn rays_a_second() {
                 seconds[n][3].push(began.elapsed().as_secs_f64());
             }
         }
-        for (((tracing, shares), seconds), bytes) in tracers.iter().zip(shares).zip(seconds).zip(bytes) {
+        for (((tracing, differ), seconds), bytes) in tracers.iter().zip(differ).zip(seconds).zip(bytes) {
             let [bounces, mirrored, edges, build] = seconds.map(median);
             let speed = [bounces, mirrored, edges].map(|s| format!("{:.2}", seen.len() as f64 / s * 1e-6));
-            let shares = shares.map(|share| format!("{:.4} %", 100.0 * share));
             println!(
                 "| {name} | {} | {tracing:?} | {} | {} | {:.1} | {:.1} |",
                 harness.geometry().triangles.len(),
                 speed.join(" | "),
-                shares.join(" | "),
+                differ.join(" | "),
                 1e3 * build,
                 bytes as f64 / f64::from(1 << 20)
             );

@@ -10,7 +10,8 @@ use crate::agreement::{HEAD, TOLERATED};
 use crate::common::harness::{VisibilityHarness, query};
 use crate::common::random::Random;
 use crate::lists::tallies;
-use crate::{common, cornell, displaced_room};
+use crate::rays::{needles, ray_tallies, small_in_large};
+use crate::{common, cornell, displaced_room, speed};
 
 #[test]
 #[ignore = "minutes: the long table"]
@@ -34,6 +35,30 @@ fn table() {
                     }
                     assert!(tally.share() <= TOLERATED, "{name}, {what}");
                 }
+            }
+        }
+    }
+}
+
+/// Compares a million rays of each kind:
+///
+///     cargo test --test visibility -- --ignored --nocapture a_million_rays
+///
+/// `SCENES` and `TRACERS` restrict the table, as in `rays_a_second`.
+#[test]
+#[ignore = "minutes: the long table"]
+fn a_million_rays() {
+    let Some(gpu) = common::gpu_with_ray_queries() else { return };
+    println!("{HEAD}");
+    let mut scenes = speed::scenes();
+    scenes.extend([("needles", needles()), ("small in large", small_in_large())]);
+    scenes.retain(|(name, _)| speed::asked_for("SCENES", name));
+    for (name, scene) in &scenes {
+        let harness = VisibilityHarness::new(gpu, scene, false);
+        for tracing in speed::tracers() {
+            for (what, tally) in ray_tallies(&harness, tracing, 1_000_000, 13) {
+                println!("{}", tally.row(name, &format!("{what} by {tracing:?}")));
+                println!("{}", tally.examples.join("\n"));
             }
         }
     }

@@ -272,8 +272,9 @@ fn room(gpu: &Gpu, before: u64) -> u64 {
     (gpu.capabilities.max_storage_bytes / 4).saturating_sub(before).min(MOST_WORDS)
 }
 
-/// Returns the box and its division into cubes.
-fn frame_of(scene: &TracedScene, capabilities: &Capabilities) -> layouts::Grid {
+/// Returns the box and its division into cubes; the members that depend on the triangles are 0.
+#[must_use]
+pub fn frame_of(scene: &TracedScene, capabilities: &Capabilities) -> layouts::Grid {
     let longest_side = cells_along(scene.triangles, capabilities) as f32;
     let [low, high] = scene.bounds;
     let extent = (high - low).max(Vec3::ZERO);
