@@ -5,10 +5,11 @@
 //! the mean is known, since each frame has a residual. The picture is F + s d, with the filtered mean F and, in a
 //! square of pixels around each one,
 //!
-//!   s = max(1 - c sum v / sum d^2, 0),
+//!   s = max(1 - c sum (v / t) / sum (d^2 / t), 0),
 //!
 //! the positive-part estimator of James and Stein 1961 with c = 1. So a pixel keeps what is detail and loses what may
-//! be noise, and since v falls with the number of frames the picture converges to the truth.
+//! be noise, and since v falls with the number of frames the picture converges to the truth. Noise goes with brightness: t is
+//! the deviation that v has around each pixel, so that the shadow beside a bright wall is not judged by the wall's noise.
 //!
 //! Pixels of a class share light subpaths, so that their residuals err together: a square has as many independent errors
 //! as classes, a few, and sum d^2 may be some times its expectation. What then comes back is a pattern that repeats with
@@ -21,15 +22,21 @@ use crate::crop::Crop;
 use crate::film::Film;
 use crate::film::exr::{Channel, Picture};
 
-/// Pixels on either side of the middle of a square over which sums are taken. 5x5 and 7x7 pixels give dream-apartment
-/// the same rel_mse within 7 %, cornell_point within 4 %, with 4 to 12 frames.
-const REACH: usize = 3;
+/// Pixels on either side of the middle of a square over which sums are taken (docs/journal.md, "Few samples").
+const REACH: usize = 2;
 
-/// Bounds of c. After 12 frames of 4x4 classes, rel_mse of dream-apartment and cornell_point with c = 1: 0.0021 and 0.0010; 1.5:
-/// 0.0022 and 0.0005; 2: 0.0027 and 0.0005; filtered: 0.0074 and 0.0005; unfiltered: 0.0060 and 0.016. For 8 independent errors
-/// with 24 degrees of freedom in their variance, as of 3x3 classes after 4 frames, sum d^2 is above 4 sum v in 0.4 % of squares.
-const LEAST_MARGIN: f64 = 1.5;
-const MOST_MARGIN: f64 = 4.0;
+/// The same of the larger square that patterns of classes are looked for in, too: it has more pixels of each class.
+const REACH_OF_PATTERNS: usize = 3;
+
+/// Pixels on either side of the middle of a square over which variances are averaged for the deviation that sums are over.
+const REACH_OF_NOISE: usize = 1;
+
+/// Share of the picture's mean deviation that is added to each, so that places without noise do not count alone.
+const LEAST_NOISE: f64 = 1e-3;
+
+/// Bounds of c (docs/journal.md, "Few samples"). Of a pattern of 3x3 classes after 4 frames (the test below) more comes back with 4.
+const LEAST_MARGIN: f64 = 1.25;
+const MOST_MARGIN: f64 = 5.0;
 
 /// Least number of frames from which a variance is estimated.
 const LEAST_FRAMES: u64 = 4;
@@ -116,43 +123,89 @@ impl Residual {
         }
         let sums: Vec<_> =
             self.mean.pixels.iter().map(|&[r, g, b]| f64::from(r) + f64::from(g) + f64::from(b)).collect();
-        let squares: Vec<_> = sums.iter().map(|sum| sum * sum).collect();
-        let variance = |(&square, mean): (&f32, &f64)| (f64::from(square) - mean).max(0.0) / (self.frames - 1) as f64;
-        let variances: Vec<_> = self.square.iter().zip(&squares).map(variance).collect();
+        let variance =
+            |(&square, sum): (&f32, &f64)| (f64::from(square) - sum * sum).max(0.0) / (self.frames - 1) as f64;
+        let variances: Vec<_> = self.square.iter().zip(&sums).map(variance).collect();
         let size = [self.mean.width as usize, self.mean.height as usize];
-        let [squares, variances] = [squares, variances].map(|values| sums_around(&values, size));
-        let patterns = patterns_around(&sums, &squares, size, self.side.max(1) as usize);
-        let share = |((square, variance), pattern): ((f64, f64), f64)| {
-            let noise = pattern.clamp(LEAST_MARGIN * variance, MOST_MARGIN * variance);
-            if square > noise { (1.0 - noise / square) as f32 } else { 0.0 }
+        let weights = weights(&variances, size);
+        let scaled: Vec<_> = sums.iter().zip(&weights).map(|(sum, weight)| sum * weight.sqrt()).collect();
+        let variances: Vec<_> = variances.iter().zip(&weights).map(|(variance, weight)| variance * weight).collect();
+        let squares_of =
+            [REACH, REACH_OF_PATTERNS].map(|reach| Squares::new(&scaled, &variances, size, reach, self.side));
+        let share = |at: usize| {
+            let [square, variance] = squares_of[0].sums(at);
+            if square <= LEAST_MARGIN * variance {
+                return 0.0;
+            }
+            let margin =
+                squares_of.iter().map(|squares| squares.pattern(at)).fold(LEAST_MARGIN, f64::max).min(MOST_MARGIN);
+            (1.0 - margin * variance / square).max(0.0) as f32
         };
-        squares.into_iter().zip(variances).zip(patterns).map(share).collect()
+        (0..sums.len()).into_par_iter().map(share).collect()
     }
 }
 
-/// Returns, of the sum of squares in the square around each pixel of an image of `columns` and `rows`, what repeats with classes in
-/// squares of `side`. A share of the rest, by degrees of freedom, looks as if it repeated. Where classes are many for the pixels
-/// this says little, nor is it needed, since a square has many independent errors then: nothing repeats.
-fn patterns_around(values: &[f64], squares: &[f64], [columns, rows]: [usize; 2], side: usize) -> Vec<f64> {
-    if side == 1 || 2 * side * side > (2 * REACH + 1).pow(2) {
-        return vec![0.0; values.len()];
+/// Returns the weight of each pixel in sums: one over the deviation of residuals around it.
+fn weights(variances: &[f64], size: [usize; 2]) -> Vec<f64> {
+    let ones = vec![1.0; variances.len()];
+    let [sums, counts] = [variances, &ones].map(|values| sums_around(values, size, REACH_OF_NOISE));
+    let deviations: Vec<_> = sums.iter().zip(counts).map(|(sum, count)| (sum / count).max(0.0).sqrt()).collect();
+    let least = LEAST_NOISE * deviations.iter().sum::<f64>() / deviations.len() as f64;
+    deviations.into_iter().map(|deviation| 1.0 / (deviation + least).max(f64::MIN_POSITIVE)).collect()
+}
+
+/// Sums over the square around each pixel.
+struct Squares {
+    /// Columns and rows of the image.
+    size: [usize; 2],
+    reach: usize,
+    /// Side of the squares in which pixels have classes; 1: none are told apart.
+    side: usize,
+    /// Sums of the squares of residuals, and of their variances.
+    squares: Vec<f64>,
+    variances: Vec<f64>,
+    /// Sums of residuals along rows, apart for each column of classes.
+    across: Vec<f64>,
+    /// Columns, and rows, of each place of a class around each column and row.
+    counts: [Vec<usize>; 2],
+}
+
+impl Squares {
+    /// Sums residuals and their variances. Where classes are many for the pixels of a square they are not told apart.
+    fn new(residuals: &[f64], variances: &[f64], size: [usize; 2], reach: usize, side: u32) -> Self {
+        let squares: Vec<_> = residuals.iter().map(|residual| residual * residual).collect();
+        let [squares, variances] = [&squares, variances].map(|values| sums_around(values, size, reach));
+        let side = if 2 * (side as usize).pow(2) > (2 * reach + 1).pow(2) { 1 } else { side.max(1) as usize };
+        let across = if side > 1 { sums_across(residuals, size[0], reach, side) } else { Vec::new() };
+        let counts = |end: usize| {
+            let places = (0..end).flat_map(|at| (0..side).map(move |place| (at, place)));
+            places.map(|(at, place)| near(at, end, reach, place, side).count()).collect()
+        };
+        Self { size, reach, side, squares, variances, across, counts: size.map(counts) }
     }
-    let counts = |end: usize| -> Vec<usize> {
-        (0..end)
-            .flat_map(|at| (0..side).map(move |place| (at, place)))
-            .map(|(at, place)| near(at, end, place, side).count())
-            .collect()
-    };
-    let [widths, heights] = [columns, rows].map(counts);
-    let across = sums_across(values, columns, side);
-    let pattern = |(at, &squares): (usize, &f64)| -> f64 {
+
+    /// Returns the sums of squares and variances around a pixel.
+    fn sums(&self, at: usize) -> [f64; 2] {
+        [self.squares[at], self.variances[at]]
+    }
+
+    /// Returns what repeats with classes, of the sum of squares around a pixel, over the sum of variances. A share of the
+    /// rest, by degrees of freedom, looks as if it repeated. Where classes are many for the pixels this says little, nor is
+    /// it needed, since a square has many independent errors then: nothing repeats.
+    fn pattern(&self, at: usize) -> f64 {
+        let Self { size: [columns, rows], reach, side, .. } = *self;
+        if side == 1 {
+            return 0.0;
+        }
         let (row, column) = (at / columns, at % columns);
         let (mut of_classes, mut all, mut classes, mut pixels) = (0.0, 0.0, 0, 0);
+        let [widths, heights] = &self.counts;
         for (y, height) in (0..side).zip(&heights[row * side..]) {
             for (x, width) in (0..side).zip(&widths[column * side..]) {
                 let count = width * height;
                 if count > 0 {
-                    let sum: f64 = near(row, rows, y, side).map(|y| across[(y * columns + column) * side + x]).sum();
+                    let sums = near(row, rows, reach, y, side).map(|y| self.across[(y * columns + column) * side + x]);
+                    let sum: f64 = sums.sum();
                     all += sum;
                     of_classes += sum * sum / count as f64;
                     classes += 1;
@@ -165,33 +218,33 @@ fn patterns_around(values: &[f64], squares: &[f64], [columns, rows]: [usize; 2],
         }
         let of_all = all * all / pixels as f64;
         let chance = (classes - 1) as f64 / (pixels - 1) as f64;
-        ((of_classes - of_all - chance * (squares - of_all)) / (1.0 - chance)).max(0.0)
-    };
-    squares.par_iter().enumerate().map(pattern).collect()
+        let pattern = (of_classes - of_all - chance * (self.squares[at] - of_all)) / (1.0 - chance);
+        pattern.max(0.0) / self.variances[at].max(f64::MIN_POSITIVE)
+    }
 }
 
-/// Returns the sum of the values in the square around each pixel of an image of `columns` and `rows`.
-fn sums_around(values: &[f64], [columns, rows]: [usize; 2]) -> Vec<f64> {
-    let across = sums_across(values, columns, 1);
-    let sum = |at: usize| near(at / columns, rows, 0, 1).map(|y| across[y * columns + at % columns]).sum();
+/// Returns the sum of the values up to `reach` columns and rows from each pixel of an image of `columns` and `rows`.
+fn sums_around(values: &[f64], [columns, rows]: [usize; 2], reach: usize) -> Vec<f64> {
+    let across = sums_across(values, columns, reach, 1);
+    let sum = |at: usize| near(at / columns, rows, reach, 0, 1).map(|y| across[y * columns + at % columns]).sum();
     (0..values.len()).into_par_iter().map(sum).collect()
 }
 
-/// Returns the sums of the values of columns near each pixel, apart for each column of squares of `side`.
-fn sums_across(values: &[f64], columns: usize, side: usize) -> Vec<f64> {
+/// Returns the sums of the values up to `reach` columns from each pixel, apart for each column of squares of `side`.
+fn sums_across(values: &[f64], columns: usize, reach: usize, side: usize) -> Vec<f64> {
     let mut across = vec![0.0; values.len() * side];
     across.par_chunks_mut((columns * side).max(1)).zip(values.par_chunks(columns.max(1))).for_each(|(sums, line)| {
         for (at, sum) in sums.iter_mut().enumerate() {
-            *sum = near(at / side, columns, at % side, side).map(|x| line[x]).sum();
+            *sum = near(at / side, columns, reach, at % side, side).map(|x| line[x]).sum();
         }
     });
     across
 }
 
-/// Returns the columns, or rows, up to [`REACH`] from one that are at a place in squares of `side`.
-fn near(at: usize, end: usize, place: usize, side: usize) -> impl Iterator<Item = usize> {
-    let first = at.saturating_sub(REACH);
-    (first + (place + side - first % side) % side..(at + REACH + 1).min(end)).step_by(side)
+/// Returns the columns, or rows, up to `reach` from one that are at a place in squares of `side`.
+fn near(at: usize, end: usize, reach: usize, place: usize, side: usize) -> impl Iterator<Item = usize> {
+    let first = at.saturating_sub(reach);
+    (first + (place + side - first % side) % side..(at + reach + 1).min(end)).step_by(side)
 }
 
 #[cfg(test)]

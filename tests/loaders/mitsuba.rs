@@ -130,6 +130,31 @@ fn both_dialects_say_the_same() {
     assert_eq!(new.warnings, ["spheres are drawn as 8064 triangles with smooth normals"]);
 }
 
+/// Mitsuba 3.9.1, `scalar_rgb`, renders a `constant` emitter of these in the colours asked for.
+#[test]
+fn light_of_equal_energy_is_reddish_from_version_2_on() {
+    let sky = |version: &str, radiance: &str| {
+        let scene = scene_in(&folder(), version, &format!(r#"<emitter type="constant">{radiance}</emitter>"#));
+        scene.environment.unwrap().radiance
+    };
+    let reddish = Vec3::new(2.4096, 1.8966, 1.8178);
+    let number = r#"<spectrum name="radiance" value="2"/>"#;
+    for (version, radiance, expected) in [
+        ("3.0.0", number, reddish),
+        ("3.0.0", r#"<spectrum name="radiance" value="360:2, 830:2"/>"#, reddish),
+        (
+            "3.0.0",
+            r#"<spectrum type="uniform" name="radiance"><float name="value" value="2"/></spectrum>"#,
+            Vec3::splat(2.0),
+        ),
+        ("3.0.0", r#"<rgb name="radiance" value="2"/>"#, Vec3::splat(2.0)),
+        ("0.6.0", number, Vec3::splat(2.0)),
+    ] {
+        let seen = sky(version, radiance);
+        assert!(close(seen, expected, 0.01), "{version} {radiance}: {seen}");
+    }
+}
+
 #[test]
 fn the_camera_looks_where_it_should_and_is_not_mirrored() {
     let scene = scene(

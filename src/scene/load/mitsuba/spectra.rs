@@ -86,7 +86,9 @@ fn spectrum(element: &Element, use_: Use, search: &Search) -> Result<Vec3, LoadE
     };
     let values = numbers(element, &text.replace(':', " "))?;
     if let ([v], None) = (&values[..], element.attribute("filename")) {
-        return Ok(Vec3::splat(*v as f32));
+        // A light of equal energy at all wavelengths is reddish to Mitsuba 3, as a list is; to the versions before 2 it was white.
+        let reddish = use_ == Use::Radiance && !element.legacy;
+        return Ok(if reddish { integrate(&[[360.0, *v], [830.0, *v]], use_) } else { Vec3::splat(*v as f32) });
     }
     if !text.contains(':') && element.attribute("filename").is_none() {
         return triple(element);
