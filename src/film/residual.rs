@@ -253,8 +253,8 @@ mod tests {
 
     const SIDE: u32 = 32;
 
-    /// Returns what `frames` frames take away: `bias` in the left half, and noise of deviation 1.
-    fn residual(bias: f32, frames: u64) -> Residual {
+    /// Returns what `frames` frames take away, by column and a number of deviation 1.
+    fn residual_of(frames: u64, value: impl Fn(u32, f32) -> f32) -> Residual {
         let noise = |at: u64| {
             let mixed = (at + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
             let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -263,14 +263,33 @@ mod tests {
         let (mean, square) = (Film::new(SIDE, SIDE), vec![0.0; (SIDE * SIDE) as usize]);
         let mut all = Residual { mean, square, frames, side: 1 };
         for (at, (mean, square)) in all.mean.pixels.iter_mut().zip(&mut all.square).enumerate() {
-            let bias = if at as u32 % SIDE < SIDE / 2 { bias } else { 0.0 };
             for frame in 0..frames {
-                let value = (bias + noise(at as u64 * frames + frame)) / 3.0;
+                let value = value(at as u32 % SIDE, noise(at as u64 * frames + frame)) / 3.0;
                 mean.iter_mut().for_each(|mean| *mean += value / frames as f32);
                 *square += 9.0 * value * value / frames as f32;
             }
         }
         all
+    }
+
+    /// Returns what `frames` frames take away: `bias` in the left half, and noise of deviation 1.
+    fn residual(bias: f32, frames: u64) -> Residual {
+        residual_of(frames, |column, noise| if column < SIDE / 2 { bias + noise } else { noise })
+    }
+
+    /// A line of detail comes back though brighter and noisier pixels lie two columns beside it.
+    #[test]
+    fn noise_nearby_does_not_hide_detail() {
+        let half = SIDE / 2;
+        let shares = residual_of(16, |column, noise| match column {
+            column if column < half => 100.0 * noise,
+            column => noise + if column == half + 1 { 5.0 } else { 0.0 },
+        })
+        .shares();
+        let mean =
+            |column: u32| shares.chunks(SIDE as usize).map(|row| row[column as usize]).sum::<f32>() / SIDE as f32;
+        let [noise, detail] = [half / 2, half + 1].map(mean);
+        assert!(noise < 0.05 && detail > 0.5, "{noise} {detail}");
     }
 
     /// Detail comes back, and noise stays away; the more so, the more frames there are.
