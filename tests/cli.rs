@@ -144,7 +144,7 @@ fn bad_usage_and_scenes_are_one_error() {
     fail(&["render", "builtin:cornell_point", "-o", &out, "--no-such-option"], "--no-such-option");
     fail(&["render", "builtin:nothing", "-o", &out], "cornell_point");
     fail(&["render", &folder.path("missing.gltf"), "-o", &out], "missing.gltf");
-    fail(&["render", "scene.blend", "-o", &out], ".gltf, .glb, .xml");
+    fail(&["render", "scene.blend", "-o", &out], ".gltf, .glb, .vrm, .xml");
     let broken = folder.path("broken.xml");
     std::fs::write(&broken, "<scene version=\"3.0.0\">\n  <shape type=\"obj\">\n</scene>").unwrap();
     fail(&["render", &broken, "-o", &out], "line 3");

@@ -125,11 +125,11 @@ function listen() {
     const files = await Promise.all(Array.from(list, async file => ({ name: file.name, bytes: new Uint8Array(await file.arrayBuffer()) })));
     // A mesh beside a scene is a part of it.
     const ending = pattern => files.find(file => pattern.test(file.name));
-    const scene = ending(/\.(gl(b|tf)|xml)$/i) ?? ending(/\.obj$/i) ?? ending(/\.(ply|stl)$/i);
+    const scene = ending(/\.(gl(b|tf)|vrm|xml)$/i) ?? ending(/\.obj$/i) ?? ending(/\.(ply|stl)$/i);
     const reference = ending(/\.exr$/i);
     if (scene) want({ file: scene, beside: files.filter(file => file !== scene), scene: true });
     else if (reference) want({ reference });
-    else if (files.length) say(`${files[0].name} is no scene (.glb, .gltf, .xml, .obj, .ply, .stl) and no picture to compare with (.exr).`, true);
+    else if (files.length) say(`${files[0].name} is no scene (.glb, .gltf, .vrm, .xml, .obj, .ply, .stl) and no picture to compare with (.exr).`, true);
   };
   at("file").addEventListener("change", event => open(event.target.files));
   document.addEventListener("dragover", event => { event.preventDefault(); document.body.classList.add("over"); });

@@ -243,6 +243,10 @@ fn triangle_in_both_containers() {
     assert_eq!(text.meshes[0].triangles, [[0, 1, 2]]);
     assert!(text.meshes[0].normals.is_empty());
     assert_eq!(Geometry::new(&text).vertices[0].normal, Vec3::Z);
+    // Avatars are GLB files of another name.
+    let avatar = Draft::path("triangle.vrm");
+    std::fs::copy(Draft::path("triangle.glb"), &avatar).unwrap();
+    assert_eq!(load_in_time(&avatar).unwrap().meshes, binary.meshes);
 }
 
 #[test]

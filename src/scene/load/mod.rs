@@ -29,7 +29,11 @@ pub struct Format {
 
 /// All kinds of scene files.
 pub const FORMATS: [Format; 5] = [
-    Format { endings: &["gltf", "glb"], about: "glTF 2.0, data embedded or in files beside it", load: gltf::load },
+    Format {
+        endings: &["gltf", "glb", "vrm"],
+        about: "glTF 2.0, data embedded or in files beside it; avatars of VRM",
+        load: gltf::load,
+    },
     Format {
         endings: &["xml"],
         about: "Mitsuba 0.5, 0.6, 2 and 3",
@@ -52,7 +56,7 @@ pub const FORMATS: [Format; 5] = [
     },
 ];
 
-/// Returns the endings of all scene files: `.gltf, .glb, .xml, .obj, .ply, .stl`.
+/// Returns the endings of all scene files: `.gltf, .glb, .vrm, .xml, .obj, .ply, .stl`.
 #[must_use]
 pub fn endings() -> String {
     let endings = FORMATS.iter().flat_map(|format| format.endings);
