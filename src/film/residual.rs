@@ -147,9 +147,11 @@ impl Residual {
 
 /// Returns the weight of each pixel in sums: one over the deviation of residuals around it.
 fn weights(variances: &[f64], size: [usize; 2]) -> Vec<f64> {
-    let ones = vec![1.0; variances.len()];
-    let [sums, counts] = [variances, &ones].map(|values| sums_around(values, size, REACH_OF_NOISE));
-    let deviations: Vec<_> = sums.iter().zip(counts).map(|(sum, count)| (sum / count).max(0.0).sqrt()).collect();
+    let [columns, rows] = size;
+    let count = |at: usize, end: usize| near(at, end, REACH_OF_NOISE, 0, 1).count();
+    let pixels = |at: usize| (count(at % columns, columns) * count(at / columns, rows)) as f64;
+    let sums = sums_around(variances, size, REACH_OF_NOISE);
+    let deviations: Vec<_> = sums.iter().enumerate().map(|(at, sum)| (sum / pixels(at)).max(0.0).sqrt()).collect();
     let least = LEAST_NOISE * deviations.iter().sum::<f64>() / deviations.len() as f64;
     deviations.into_iter().map(|deviation| 1.0 / (deviation + least).max(f64::MIN_POSITIVE)).collect()
 }

@@ -40,7 +40,7 @@ fn table() {
     }
 }
 
-/// Compares a million rays of each kind:
+/// Compares a million rays of each kind; edges between points that light can pass between:
 ///
 ///     cargo test --test visibility -- --ignored --nocapture a_million_rays
 ///
@@ -56,7 +56,7 @@ fn a_million_rays() {
     for (name, scene) in &scenes {
         let harness = VisibilityHarness::new(gpu, scene, false);
         for tracing in speed::tracers() {
-            for (what, tally) in ray_tallies(&harness, tracing, 1_000_000, 13) {
+            for (what, tally) in ray_tallies(&harness, tracing, 1_000_000, 13, |p, q| harness.face_each_other(p, q)) {
                 println!("{}", tally.row(name, &format!("{what} by {tracing:?}")));
                 println!("{}", tally.examples.join("\n"));
             }
