@@ -210,9 +210,9 @@ layouts! {
         light_nodes: u32,
         rough_coats: u32,
         columns_shift: u32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
+        aims: u32,
+        aimed: u32,
+        aim_densities: u32,
     }
 
     /// Layers on top of a material.

@@ -11,6 +11,8 @@ macro_rules! module {
     };
 }
 
+/// Aims of light paths, and their densities.
+pub const AIM_DRAWS: Source<'static> = module!("aim_draws");
 /// Samplers, many draws at once, and their densities.
 pub const DRAWS: Source<'static> = module!("draws");
 /// Rays from the iteration's light, and their densities.
@@ -29,8 +31,8 @@ pub const SKY_DRAWS: Source<'static> = module!("sky_draws");
 pub const TWINS: Source<'static> = module!("twins");
 
 /// All of them, sorted by name.
-pub const ALL: [Source<'static>; 8] =
-    [DRAWS, LIGHT_DRAWS, MIS_SUMS, PATH_WEIGHTS, QUERIES, RAY_QUERIES, SKY_DRAWS, TWINS];
+pub const ALL: [Source<'static>; 9] =
+    [AIM_DRAWS, DRAWS, LIGHT_DRAWS, MIS_SUMS, PATH_WEIGHTS, QUERIES, RAY_QUERIES, SKY_DRAWS, TWINS];
 
 /// Returns the tests' module of that name, if there is one.
 pub fn find(name: &str) -> Option<Source<'static>> {
@@ -95,6 +97,16 @@ structs! {
         pdf_w: f32,
         extra: [f32; 3],
         index: u32,
+    }
+
+    /// An aim of a light path, or the density of aims on a triangle.
+    struct AimDraw in "aim_draws" {
+        position: [f32; 3],
+        triangle: u32,
+        pdf_a: f32,
+        asked: u32,
+        pad0: u32,
+        pad1: u32,
     }
 
     /// A ray from a light, drawn or given.

@@ -5,8 +5,8 @@ use crate::common;
 use std::f32::consts::{PI, TAU};
 
 use common::gpu;
-use common::harness::run;
-use common::shaders::{self, LightDraw, PathWeights, SkyDraw};
+use common::harness::{NONE, run};
+use common::shaders::{self, AimDraw, LightDraw, PathWeights, SkyDraw};
 use common::statistics::{chi_square_tail, p_value};
 use glam::{Mat3, Vec3};
 use lightsheaf::gpu::{Compute, Flag, Gpu, rows};
@@ -14,10 +14,13 @@ use lightsheaf::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPO
 use lightsheaf::render::layouts::line_end::{AT_LATER, AT_Z1};
 use lightsheaf::render::layouts::rsm_size::RSM_SIDE;
 use lightsheaf::render::layouts::{FoundLine, LightPoint, Lighting};
+use lightsheaf::render::lights::aims::Aims;
 use lightsheaf::render::lights::bundle_directions::BundleDirections;
 use lightsheaf::render::lights::sky_guide::{EXTENT, HEIGHT, SIDE, densities};
+use lightsheaf::render::lights::table::{Hittable, LightTable};
 use lightsheaf::render::sampler::{Decision, Sampler, uniform_sphere};
-use lightsheaf::scene::{Environment, EnvironmentMap, Rows, versine};
+use lightsheaf::render::upload::gpu_scene::GpuScene;
+use lightsheaf::scene::{self, Environment, EnvironmentMap, Geometry, Rows, versine};
 
 /// Draws, and paths.
 const MANY: u32 = 1 << 20;
@@ -427,4 +430,66 @@ fn the_distribution_of_chi_square_is_right() {
         let actual = chi_square_tail(x, dof);
         assert!((actual / p - 1.0).abs() < 0.01, "{x} at {dof}: {actual}");
     }
+}
+
+/// Light paths are aimed at triangles as often as the density there says, and evenly within each. Densities of two
+/// materials that are wrong by a tenth are noticed.
+#[test]
+fn aims_are_drawn_as_their_density_says() {
+    let Some(gpu) = gpu() else { return };
+    let scene = scene::load("builtin:cornell_spheres").unwrap();
+    let geometry = Geometry::new(&scene);
+    let table = LightTable::new(&scene, &geometry, Hittable::All);
+    let lights = LightTable { aims: Aims::new(&scene, &geometry), ..table };
+    let uploaded = GpuScene::new(gpu, &scene, &geometry, &lights, &[]).unwrap();
+    let pass = Compute::from_source(gpu, "aim_draws", &shaders::AIM_DRAWS, &[]);
+    let ask = |questions: &[AimDraw]| -> Vec<AimDraw> {
+        let draws = gpu.upload("aim_draws", questions);
+        let bindings = uploaded.with(&[("aim_draws", draws.as_entire_binding())]);
+        run(gpu, &pass, &bindings, rows(questions.len() as u32), (&draws, questions.len()))
+    };
+    let triangles = geometry.triangles.len();
+    let all: Vec<_> =
+        (0..triangles as u32).map(|triangle| AimDraw { triangle, asked: 1, ..Default::default() }).collect();
+    let normal = |t: usize| {
+        let [a, b, c] = geometry.positions(t);
+        (b - a).cross(c - a)
+    };
+    // Triangles by material and size, since spheres have thousands, and draws without an aim.
+    let bin_of = |t: usize| geometry.materials[t] as usize * 64 + t % 64;
+    let bins = 64 * scene.materials.len() + 1;
+    let (mut expected, mut counts) = (vec![0.0; bins], vec![0_u64; bins]);
+    for (t, answer) in ask(&all).iter().enumerate() {
+        expected[bin_of(t)] += f64::from(answer.pdf_a) * 0.5 * f64::from(normal(t).length()) * f64::from(MANY);
+    }
+    let aimed: f64 = expected.iter().sum();
+    assert!((aimed / f64::from(MANY) - 0.5).abs() < 1e-4, "half of the paths are aimed: {aimed}");
+    expected[bins - 1] = f64::from(MANY) - aimed;
+    let mut evens = [0_u64; 64];
+    for draw in ask(&vec![AimDraw::default(); MANY as usize]) {
+        if draw.triangle == NONE {
+            counts[bins - 1] += 1;
+            continue;
+        }
+        let t = draw.triangle as usize;
+        counts[bin_of(t)] += 1;
+        // For points uniform over the area, the weight w of a corner has a uniform 1 - (1 - w)^2.
+        let ([_, b, c], x, normal) = (geometry.positions(t), Vec3::from(draw.position), normal(t));
+        let weight = ((b - x).cross(c - x).dot(normal) / normal.length_squared()).clamp(0.0, 1.0);
+        evens[((1.0 - (1.0 - weight).powi(2)) * 64.0).min(63.0) as usize] += 1;
+    }
+    let drawn: u64 = evens.iter().sum();
+    let even = p_value(&evens, &[drawn as f64 / 64.0; 64]);
+    let p = p_value(&counts, &expected);
+    println!(
+        "triangles: p {p:.4}; points within: p {even:.4}; {} of {triangles} triangles",
+        lights.aims.triangles.len()
+    );
+    assert!(p >= SIGNIFICANCE / 8.0 && even >= SIGNIFICANCE / 8.0, "{p} {even}");
+    let mut wrong = expected.clone();
+    let of_materials: Vec<_> = (0..bins - 1).step_by(64).filter(|&first| wrong[first] > 0.0).take(2).collect();
+    for (first, factor) in of_materials.into_iter().zip([1.1, 0.9]) {
+        wrong[first..first + 64].iter_mut().for_each(|expected| *expected *= factor);
+    }
+    assert!(p_value(&counts, &wrong) < 1e-6, "a wrong density is not noticed");
 }

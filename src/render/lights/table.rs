@@ -11,6 +11,7 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::render::layouts::light_kind::{AREA, DIRECTIONAL, POINT, SKY, SPOT};
 use crate::render::layouts::{LightNode, LightRecord, Lighting};
+use crate::render::lights::aims::Aims;
 use crate::scene::model::emitter::{Emitter, Part, emitters, part};
 use crate::scene::{
     EnvironmentMap, Geometry, LUMINANCE, Lamp, Light, Mapping, Pattern, Rows, Scene, SpotFalloff, versine,
@@ -46,6 +47,8 @@ pub struct LightTable {
     pub sky_shares: Vec<f32>,
     /// The light tree; empty without one.
     pub nodes: Vec<LightNode>,
+    /// What light paths of caustics are aimed at.
+    pub aims: Aims,
     /// Constants of all lights.
     pub lighting: Lighting,
     /// Luminance of the total power, in watts.

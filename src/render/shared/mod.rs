@@ -24,6 +24,7 @@ use crate::render::adaptive_sampling::{self, ConvergedTiles};
 use crate::render::convergence::BiasFilms;
 use crate::render::denoise::Denoiser;
 use crate::render::layouts::{LightVertex, PixelReservoir};
+use crate::render::lights::aims::Aims;
 use crate::render::lights::bundle_directions::BundleDirections;
 use crate::render::lights::table::{Hittable, LightTable};
 use crate::render::renderer::{
@@ -67,8 +68,11 @@ impl Prepared {
         let most = gpu.capabilities.max_storage_bytes;
         let reservoir = size_of::<PixelReservoir>() as u64;
         check_size(gpu, settings, if plan.reuses() { most / reservoir } else { u64::MAX })?;
-        let table =
+        let mut table =
             LightTable::new(scene, &geometry, if plan.starts_from_emitters { Hittable::All } else { Hittable::Never });
+        if plan.caustics {
+            table.aims = Aims::new(scene, &geometry);
+        }
         let uniform = settings.light_sampling == Some(LightSampling::Uniform);
         let lights = if uniform { table.uniform_selection() } else { table };
         Ok(Self { geometry, camera, plan, lights, stats })

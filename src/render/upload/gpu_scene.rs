@@ -250,7 +250,7 @@ impl GpuScene {
 }
 
 /// Returns the tables of lights, of which some may be empty.
-fn tables_of(lights: &LightTable) -> [(Table, &[u8]); 6] {
+fn tables_of(lights: &LightTable) -> [(Table, &[u8]); 8] {
     [
         // Without lights the table holds one record that is never chosen.
         (Table::Lights, bytemuck::cast_slice(if lights.count() == 0 { &[] } else { &lights.records })),
@@ -259,6 +259,8 @@ fn tables_of(lights: &LightTable) -> [(Table, &[u8]); 6] {
         (Table::Patterns, bytemuck::cast_slice(&lights.patterns)),
         (Table::SkyShares, bytemuck::cast_slice(&lights.sky_shares)),
         (Table::LightNodes, bytemuck::cast_slice(&lights.nodes)),
+        (Table::Aims, bytemuck::cast_slice(&lights.aims.triangles)),
+        (Table::AimDensities, bytemuck::cast_slice(&lights.aims.densities)),
     ]
 }
 

@@ -32,6 +32,8 @@ pub(super) enum Table {
     Patterns,
     SkyShares,
     LightNodes,
+    Aims,
+    AimDensities,
 }
 
 /// Tables on the host.
@@ -128,6 +130,7 @@ impl Tables {
         let rows = Rows::new(gpu, &bytes);
         let first = |table| ranges.iter().find(|(t, _)| *t == table).map_or(zeros, |(_, range)| range.start);
         let row = |table| (first(table) / ROW) as u32;
+        let length = |table| ranges.iter().find(|(t, _)| *t == table).map_or(0, |(_, range)| range.len());
         let table_rows = TableRows {
             triangles,
             materials: row(Table::Materials),
@@ -141,8 +144,10 @@ impl Tables {
             sky_shares: row(Table::SkyShares),
             light_nodes: row(Table::LightNodes),
             rough_coats: row(Table::RoughCoats),
+            aims: row(Table::Aims),
+            aimed: (length(Table::Aims) / size_of::<[u32; 2]>()) as u32,
+            aim_densities: row(Table::AimDensities),
             columns_shift: if let Rows::Texels { shift, .. } = rows { shift } else { 0 },
-            ..Default::default()
         };
         let first_rows = gpu.uniform::<TableRows>("table_rows");
         gpu.queue.write_buffer(&first_rows, 0, bytemuck::bytes_of(&table_rows));

@@ -110,7 +110,7 @@ impl SceneStats {
             scene.materials.iter().zip(&of_material).filter(|(m, _)| test(m)).map(|(_, count)| count).sum()
         };
         let used = scene.materials.iter().zip(&of_material).filter(|(_, count)| **count > 0);
-        let smooth_share = used.flat_map(|(m, _)| m.plain()).map(|m| smooth_share(m, scene)).fold(0.0, f32::max);
+        let smooth_share = used.map(|(m, _)| smooth_share(m, scene)).fold(0.0, f32::max);
         let radius = 0.5 * geometry.bounds[0].distance(geometry.bounds[1]);
         let size = |i: usize| {
             let [a, b, c] = geometry.positions(i);
@@ -219,8 +219,18 @@ fn is_narrow_metal(material: &Material) -> bool {
     }
 }
 
-/// Returns the share of a material's texels whose lobe, or whose coat, is perfectly smooth.
-fn smooth_share(material: &Material, scene: &Scene) -> f32 {
+/// Least share of a material that is smooth, for light paths of its caustics. Roughness maps have a few smooth
+/// texels (Sponza), whose caustics are not worth a light path per pixel.
+pub const LEAST_SMOOTH: f32 = 0.05;
+
+/// Returns the share of a material's texels whose lobe, or whose coat, is perfectly smooth; the largest one of a mix.
+#[must_use]
+pub fn smooth_share(material: &Material, scene: &Scene) -> f32 {
+    material.plain().into_iter().map(|material| smooth_share_of_plain(material, scene)).fold(0.0, f32::max)
+}
+
+/// Returns the same of a material that is no mix.
+fn smooth_share_of_plain(material: &Material, scene: &Scene) -> f32 {
     // `width` is roughness or alpha, and `alpha` the second as a function of the first.
     let share = |width: &Scalar, alpha: fn(f32) -> f32| {
         let is_smooth = |texel: u8| alpha(width.factor * f32::from(texel) / 255.0) < SMOOTH;

@@ -22,6 +22,7 @@ use crate::render::shared::plan::cost::Cost;
 use crate::render::shared::plan::ray_views::RayViews;
 use crate::render::shared::plan::strategies::{Connection, Extension, StrategySet};
 use crate::render::visibility::tracer::Tracing;
+use crate::scene::model::stats::LEAST_SMOOTH;
 use crate::scene::{Camera, SceneStats};
 use crate::settings::{LightSampling, RestirBias, Settings, Strategies, Visibility, VisibilityFrom};
 
@@ -52,10 +53,6 @@ const MIN_PIXELS_OF_BORDERS: u64 = 1 << 12;
 
 /// Light candidates of scenes with many lights.
 const CANDIDATES: u32 = 16;
-
-/// Least share of a material that is smooth, for light paths of its caustics. Roughness maps have a few smooth
-/// texels (Sponza), whose caustics are not worth a light path per pixel.
-const CAUSTIC_SHARE: f32 = 0.05;
 
 /// Pixels of a band: as many as WebGPU's least binding holds eye vertices of. On a GPU many small bands take
 /// longer, since each pass waits for the slowest ray of the pass before (H100, Sponza at 1920x1080: 82, 45 and 35 ms
@@ -219,7 +216,7 @@ impl FramePlan {
         let own_directions = settings.draws_own_directions() && stats.glossy_triangles > 0;
         let caustics = own_directions
             && light_vertices > 1
-            && stats.smooth_share >= CAUSTIC_SHARE
+            && stats.smooth_share >= LEAST_SMOOTH
             && settings.only.is_none_or(|only| only.weighted || only.t == 1);
         let sizes = resolutions(stats, settings, fast, light_candidates > 1 || reuse.is_some());
         let starts_from_emitters =
