@@ -79,8 +79,9 @@
 //! ([`render::visibility`]). Each z is connected with each y (connect, light_candidates, light_reservoirs),
 //! hits on emitters are added, and every path is weighted against all other strategies that could have made
 //! it (multiple importance sampling). Light that a mirror or glass throws onto a surface comes from light paths
-//! of their own, half of which are aimed at mirrors and glass, and which are connected to the camera (caustics). accumulate adds the iteration to the film; interleaved iterations go
-//! to layers that [`render::denoise`] turns into a picture.
+//! of their own, half of which are aimed at mirrors and glass; they are connected to the camera (caustics).
+//! accumulate adds the iteration to the film; interleaved iterations go to layers that [`render::denoise`]
+//! turns into a picture.
 //!
 //! # Glossary
 //!

@@ -111,6 +111,28 @@ fn strategy_images_add_up_with_caustics() {
     }
 }
 
+/// The filter spreads single splats over neighbours, and keeps their light.
+#[test]
+fn splats_are_filtered() {
+    let Some(gpu) = gpu() else { return };
+    let of = |unfiltered| {
+        let sampled = settings(Technique::RASTER, 48, 3, 2);
+        let settings = Settings { interleave: Some(3), unfiltered, specular_bounces: 0, ..sampled };
+        let mut renderer = SharedRenderer::new(gpu, &behind_ball_and_point(), &settings).unwrap();
+        renderer.set_only(Some(OnlyStrategy { s: 4, t: 1, weighted: true })).unwrap();
+        common::picture(&mut renderer, 3)
+    };
+    let [filtered, unfiltered] = [of(false), of(true)];
+    let sum = |film: &Film| film.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
+    let apart = |film: &Film| -> f64 {
+        let rows = film.pixels.chunks(film.width as usize);
+        rows.flat_map(|row| row.windows(2)).map(|pair| f64::from(pair[0][1] - pair[1][1]).abs()).sum()
+    };
+    let (kept, rough) = (sum(&filtered) / sum(&unfiltered), apart(&filtered) / apart(&unfiltered));
+    println!("light {kept:.3}, differences of neighbours {rough:.3}");
+    assert!((kept - 1.0).abs() < 0.05 && rough < 0.6, "{kept} {rough}");
+}
+
 /// Splats have one sum in any order.
 #[test]
 fn the_same_seed_gives_the_same_caustics() {

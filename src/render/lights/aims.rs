@@ -5,6 +5,7 @@
 //! do (Jensen 1996). Points are uniform over the surface of a material, so that their density is a number for each
 //! material; a material is chosen by the square root of its area, so that a wall of mirrors leaves some to a lens.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::scene::model::stats::{LEAST_SMOOTH, smooth_share};
@@ -43,8 +44,8 @@ impl Aims {
 
         let aimed: Vec<_> = (0..plain.len()).filter(|&t| smooth[plain[t] as usize].is_some()).collect();
         let area = |&t: &usize| {
-            let [a, b, c] = geometry.positions(t);
-            0.5 * f64::from((b - a).cross(c - a).length())
+            let [a, b, c] = geometry.positions(t).map(Vec3::as_dvec3);
+            0.5 * (b - a).cross(c - a).length()
         };
         let areas: Vec<_> = aimed.par_iter().map(area).collect();
         let mut of_material = vec![0.0; smooth.len()];
