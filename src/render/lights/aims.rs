@@ -32,27 +32,23 @@ impl Aims {
     #[must_use]
     pub fn new(scene: &Scene, geometry: &Geometry) -> Self {
         let (plain, tessellated) = geometry.materials.split_at(geometry.triangles.len() - geometry.tessellated);
-        let mut smooth = vec![None; scene.materials.len()];
-        let share_of = |material: &u32| {
-            Some(smooth_share(&scene.materials[*material as usize], scene)).filter(|&share| share >= LEAST_SMOOTH)
-        };
-        let mut used = plain.to_vec();
-        used.par_sort_unstable();
-        used.dedup();
-        used.iter().for_each(|material| smooth[*material as usize] = share_of(material));
-        tessellated.iter().for_each(|&material| smooth[material as usize] = None);
+        let mut used = vec![false; scene.materials.len()];
+        plain.iter().for_each(|&material| used[material as usize] = true);
+        tessellated.iter().for_each(|&material| used[material as usize] = false);
+        let share = |(material, used)| if used { smooth_share(material, scene) } else { 0.0 };
+        let shares: Vec<_> = scene.materials.iter().zip(used).map(share).collect();
 
-        let aimed: Vec<_> = (0..plain.len()).filter(|&t| smooth[plain[t] as usize].is_some()).collect();
+        let aimed: Vec<_> = (0..plain.len()).filter(|&t| shares[plain[t] as usize] >= LEAST_SMOOTH).collect();
         let area = |&t: &usize| {
             let [a, b, c] = geometry.positions(t).map(Vec3::as_dvec3);
             0.5 * (b - a).cross(c - a).length()
         };
         let areas: Vec<_> = aimed.par_iter().map(area).collect();
-        let mut of_material = vec![0.0; smooth.len()];
+        let mut of_material = vec![0.0_f64; shares.len()];
         aimed.iter().zip(&areas).for_each(|(&t, area)| of_material[plain[t] as usize] += area);
         let strength = |material: &Material| if material.is_specular() { 1.0 } else { COAT };
-        let weights: Vec<_> = (of_material.iter().zip(smooth).zip(&scene.materials))
-            .map(|((area, share), material)| area.sqrt() * f64::from(share.unwrap_or(0.0)) * strength(material))
+        let weights: Vec<_> = (of_material.iter().zip(shares).zip(&scene.materials))
+            .map(|((area, share), material)| area.sqrt() * f64::from(share) * strength(material))
             .collect();
         let all: f64 = weights.iter().sum();
         if !(all > 0.0 && all.is_finite()) {

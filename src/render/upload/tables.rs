@@ -115,6 +115,11 @@ impl Rows {
     }
 }
 
+/// Returns the bytes that a table takes, if there is one.
+fn range_of(ranges: &[(Table, Range<usize>)], table: Table) -> Option<&Range<usize>> {
+    ranges.iter().find(|(of, _)| *of == table).map(|(_, range)| range)
+}
+
 /// Tables on the device.
 pub(super) struct Tables {
     rows: Rows,
@@ -128,9 +133,7 @@ impl Tables {
         let zeros = bytes.len();
         bytes.resize(zeros + ZERO_ROWS * ROW, 0);
         let rows = Rows::new(gpu, &bytes);
-        let first = |table| ranges.iter().find(|(t, _)| *t == table).map_or(zeros, |(_, range)| range.start);
-        let row = |table| (first(table) / ROW) as u32;
-        let length = |table| ranges.iter().find(|(t, _)| *t == table).map_or(0, |(_, range)| range.len());
+        let row = |table| (range_of(&ranges, table).map_or(zeros, |range| range.start) / ROW) as u32;
         let table_rows = TableRows {
             triangles,
             materials: row(Table::Materials),
@@ -145,7 +148,7 @@ impl Tables {
             light_nodes: row(Table::LightNodes),
             rough_coats: row(Table::RoughCoats),
             aims: row(Table::Aims),
-            aimed: (length(Table::Aims) / size_of::<[u32; 2]>()) as u32,
+            aimed: (range_of(&ranges, Table::Aims).map_or(0, Range::len) / size_of::<[u32; 2]>()) as u32,
             aim_densities: row(Table::AimDensities),
             columns_shift: if let Rows::Texels { shift, .. } = rows { shift } else { 0 },
         };
@@ -173,12 +176,12 @@ impl Tables {
 
     /// Returns the bytes of a table; 0 if there is none.
     pub(super) fn bytes_of(&self, table: Table) -> usize {
-        self.ranges.iter().find(|(t, _)| *t == table).map_or(0, |(_, range)| range.len())
+        range_of(&self.ranges, table).map_or(0, Range::len)
     }
 
     /// Writes the first records of a table, if there is one.
     pub(super) fn write<T: NoUninit>(&self, gpu: &Gpu, table: Table, records: &[T]) {
-        if let Some((_, range)) = self.ranges.iter().find(|(t, _)| *t == table) {
+        if let Some(range) = range_of(&self.ranges, table) {
             let data: &[u8] = bytemuck::cast_slice(records);
             self.rows.write(gpu, range.start / ROW, &data[..data.len().min(range.len())]);
         }
