@@ -7,8 +7,8 @@ use clap::Parser as _;
 use common::folder::Folder;
 use lightsheaf::film::Film;
 use lightsheaf::film::exr::Picture;
+use lightsheaf::film::filtered::FilteredFilm;
 use lightsheaf::film::record::{Record, SampleRange};
-use lightsheaf::film::residual::Residual;
 use lightsheaf::gpu::{Gpu, GpuError};
 use lightsheaf::metrics::compare;
 use lightsheaf::render::{self, RenderError, Renderer};
@@ -101,12 +101,12 @@ fn for_each_case(mut test: impl FnMut(&str, &mut dyn FnMut() -> Box<dyn Renderer
 }
 
 /// Merges pictures of ranges by the program. Filtered ones say what the filter took away.
-fn merged(folder: &Folder, parts: &[(SampleRange, Film, Option<Residual>)]) -> Picture {
+fn merged(folder: &Folder, parts: &[(SampleRange, Film, Option<FilteredFilm>)]) -> Picture {
     let paths: Vec<String> = (0..parts.len()).map(|n| folder.path(&format!("{n}.exr"))).collect();
-    for ((range, film, residual), path) in parts.iter().zip(&paths) {
+    for ((range, film, filtered), path) in parts.iter().zip(&paths) {
         let (ranges, seconds) = (vec![*range], 0.5);
         let record = Record { samples: range.count(), ranges, seconds, ..Record::default() };
-        let channels = residual.as_ref().map_or_else(Vec::new, Residual::channels);
+        let channels = filtered.as_ref().map_or_else(Vec::new, FilteredFilm::channels);
         Picture { film: film.clone(), channels, record: Some(record), ..Picture::default() }.save(path).unwrap();
     }
     let out = folder.path("out.exr");
@@ -133,9 +133,9 @@ fn merged_parts_are_the_picture_of_all_samples() {
                 renderer.begin_at(range.first - 1).unwrap();
                 add(renderer.as_mut(), range.count()).unwrap();
                 assert_eq!((renderer.stats().samples, renderer.samples()), (range.count(), range.last), "{name}");
-                films.push((range, renderer.film().unwrap(), renderer.residual().unwrap()));
+                films.push((range, renderer.film().unwrap(), renderer.filtered_film().unwrap()));
             }
-            let given_back = |residual: &Residual| residual.shares().iter().any(|&share| share > 0.0);
+            let given_back = |part: &FilteredFilm| part.shares().iter().flatten().any(|&share| share > 0.0);
             combined += films.iter().filter(|part| part.2.as_ref().is_some_and(given_back)).count();
             let picture = merged(&folder, &films);
             let record = picture.record.unwrap();

@@ -6,8 +6,8 @@ use anyhow::{Result, bail};
 
 use crate::film::Film;
 use crate::film::exr::{Channel, Picture};
+use crate::film::filtered::FilteredFilm;
 use crate::film::record::{Record, SampleRange};
-use crate::film::residual::Residual;
 use crate::render::fingerprint;
 
 use super::aov::{INDIRECT, NOISY};
@@ -90,9 +90,9 @@ fn check(first: &Part, other: &Part) -> Result<()> {
     if a.version != b.version {
         bail!("{shown}: are of the versions {} and {}; render the older one again", a.version, b.version);
     }
-    let has_residual = |part: &Part| Residual::of(&part.picture, part.record.samples).is_some();
-    if let Some(lacks) = [first, other].into_iter().find(|part| !has_residual(part))
-        && (has_residual(first) || has_residual(other))
+    let is_filtered = |part: &Part| FilteredFilm::of(&part.picture, part.record.samples).is_some();
+    if let Some(lacks) = [first, other].into_iter().find(|part| !is_filtered(part))
+        && (is_filtered(first) || is_filtered(other))
     {
         bail!(
             "{}: is filtered, and does not say what the filter took away; render it again with --sample-range",
@@ -163,14 +163,8 @@ fn merge(parts: &[Part], ranges: Vec<SampleRange>) -> Picture {
     let film = Film { width, height, pixels: mean_film(&shown) };
     let channels = first.channels.iter().enumerate().map(channel).collect();
     let mut picture = Picture { film, channels, ..Picture::default() };
-    if let Some(residual) = Residual::of(&picture, samples) {
-        let filtered = |part: &Part| {
-            let film = &part.picture.film;
-            Residual::of(&part.picture, part.record.samples).map_or_else(|| film.clone(), |own| own.filtered(film))
-        };
-        let filtered: Vec<_> = parts.iter().map(filtered).collect();
-        let all = Film { width, height, pixels: mean_film(&filtered.iter().collect::<Vec<_>>()) };
-        replace(&mut picture, residual.combine(&all));
+    if let Some(filtered) = FilteredFilm::of(&picture, samples) {
+        replace(&mut picture, filtered.picture());
     }
     let mut devices: Vec<_> = parts.iter().map(|part| part.record.device.clone()).collect();
     devices.sort();

@@ -7,10 +7,10 @@
 
 pub mod cryptomatte;
 pub mod exr;
+pub mod filtered;
 #[cfg(not(target_family = "wasm"))]
 pub mod oidn;
 pub mod record;
-pub mod residual;
 
 use std::path::{Path, PathBuf};
 

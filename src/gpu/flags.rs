@@ -148,6 +148,8 @@ flags! {
     Upsample = "UPSAMPLE",
     /// What the filter takes away is averaged over the frames.
     Residual = "RESIDUAL",
+    /// The filter averages means of squares.
+    Coarse = "COARSE",
     /// The filter fades with the number of frames.
     Fades = "FADES",
 }

@@ -59,7 +59,7 @@ pub struct BiasFilms {
     pub unfiltered: Film,
     /// The same filtered twice.
     pub twice: Film,
-    /// Share of the filter's bias that the picture has ([`crate::film::residual`]), pixel by pixel.
+    /// Share of the filter's bias that the picture has ([`crate::film::filtered`]), pixel by pixel.
     pub left: Vec<f32>,
 }
 

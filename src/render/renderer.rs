@@ -6,7 +6,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use glam::Vec3;
 
-use crate::film::residual::Residual;
+use crate::film::filtered::FilteredFilm;
 use crate::film::{self, Film};
 use crate::gpu::{Gpu, GpuError, PassTime, read_back_async};
 use crate::render::adaptive_sampling::ConvergedTiles;
@@ -252,22 +252,22 @@ pub trait Renderer {
         pollster::block_on(self.film_async())
     }
 
-    /// Reads what the filter took away from the picture, or from the crop of it, if frames are filtered and the
-    /// picture got some of it back ([`Residual`]).
+    /// Reads the filtered picture, or the crop of it, and what the filter took away, if frames are filtered and the
+    /// picture may get some of it back.
     ///
     /// # Errors
     /// [`RenderError::Gpu`] if the device fails.
-    async fn residual_async(&self) -> Result<Option<Residual>, RenderError> {
+    async fn filtered_film_async(&self) -> Result<Option<FilteredFilm>, RenderError> {
         Ok(None)
     }
 
-    /// Waits for [`Self::residual_async`].
+    /// Waits for [`Self::filtered_film_async`].
     ///
     /// # Errors
-    /// As [`Self::residual_async`].
+    /// As [`Self::filtered_film_async`].
     #[cfg(not(target_family = "wasm"))]
-    fn residual(&self) -> Result<Option<Residual>, RenderError> {
-        pollster::block_on(self.residual_async())
+    fn filtered_film(&self) -> Result<Option<FilteredFilm>, RenderError> {
+        pollster::block_on(self.filtered_film_async())
     }
 
     /// Reads the picture filtered, unfiltered, and filtered twice, if frames are filtered and the settings have

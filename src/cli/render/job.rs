@@ -22,8 +22,8 @@ use crate::cli::preview::Preview;
 use crate::cli::progress::Reporter;
 use crate::cli::reference_renderer::ReferenceRenderer;
 use crate::film::exr::{Picture, Window};
+use crate::film::filtered::FilteredFilm;
 use crate::film::record::{Record, SampleRange};
-use crate::film::residual::Residual;
 use crate::film::{Film, has_extension};
 use crate::gpu::Gpu;
 use crate::reference::aov::Aovs;
@@ -66,7 +66,7 @@ pub(super) struct Kept {
     aovs: OnceCell<Option<Aovs>>,
     light: RefCell<Option<SplitLight>>,
     /// What the filter took away from a picture that may be merged with others.
-    residual: RefCell<Option<Residual>>,
+    filtered: RefCell<Option<FilteredFilm>>,
     groups: RefCell<Vec<GroupFilm>>,
 }
 
@@ -95,7 +95,7 @@ impl Job<'_> {
         let (requests, plan) = (renderer.stats().requests, Some(renderer.plan_json()));
         let stats = Stats { requests, plan, ..stats };
         if self.args.sample_range.is_some() || stats.ended_by == Ending::Interrupt {
-            *self.kept.residual.borrow_mut() = renderer.residual()?;
+            *self.kept.filtered.borrow_mut() = renderer.filtered_film()?;
         }
         let (samples, end) = (stats.samples, renderer.samples());
         let range = end - samples..end;
@@ -470,7 +470,7 @@ impl Job<'_> {
         let Settings { width, height, crop, .. } = *self.settings;
         let window = crop.map(|crop| Window { crop, size: [width, height] });
         let mut picture = self.args.layers.picture(film, self.scene, aovs.as_ref(), light.as_ref(), &groups)?;
-        picture.channels.extend(self.kept.residual.borrow().iter().flat_map(Residual::channels));
+        picture.channels.extend(self.kept.filtered.borrow().iter().flat_map(FilteredFilm::channels));
         Ok(Picture { window, ..picture })
     }
 

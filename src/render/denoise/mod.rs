@@ -14,7 +14,7 @@ use std::array;
 use glam::{Mat4, Vec3};
 
 use crate::film::Film;
-use crate::film::residual::Residual;
+use crate::film::filtered::{FilteredFilm, Residual};
 use crate::gpu::{Binding, Compute, Flag, Gpu, GpuError, read_back_async};
 use crate::render::convergence::BiasFilms;
 use crate::render::denoise::layers::Layers;
@@ -57,12 +57,34 @@ struct Before {
     jitter: [f32; 2],
 }
 
-/// The picture that measures the bias of the filter: the same frames filtered twice.
+/// A filter, and what it takes away from the frames (shaders/denoise/filter.wesl).
+struct Filter {
+    pass: Compute,
+    filtered: wgpu::Buffer,
+    residual: Option<wgpu::Buffer>,
+}
+
+/// The picture that measures the bias of the filter: the same frames filtered once more.
 struct Bias {
-    again: Compute,
-    filtered_twice: wgpu::Buffer,
+    again: Filter,
     composed: wgpu::Buffer,
     pictures: Pair,
+}
+
+impl Filter {
+    /// Records the pass and returns the filtered layers.
+    fn record<'a>(
+        &'a self,
+        recording: &mut Recording,
+        layer: [u32; 2],
+        inputs: &[&[Binding]; 2],
+        unfiltered: wgpu::BindingResource<'a>,
+    ) -> wgpu::BindingResource<'a> {
+        let both = [("unfiltered", unfiltered), ("filtered", self.filtered.as_entire_binding())];
+        let residual: Vec<_> = self.residual.iter().map(|all| ("residual", all.as_entire_binding())).collect();
+        recording.run(&self.pass, layer, &[inputs[0], inputs[1], &both, &residual]);
+        self.filtered.as_entire_binding()
+    }
 }
 
 /// Layers, histories and passes of a picture that is denoised frame by frame.
@@ -91,9 +113,9 @@ pub struct Denoiser {
     parts: Layers,
     gradient: Option<Compute>,
     temporal: Option<(Compute, Pair)>,
-    filter: Option<(Compute, wgpu::Buffer)>,
-    /// What the filter takes away (shaders/denoise/filter.wesl).
-    residual: Option<wgpu::Buffer>,
+    /// The filters of a square and, if what they take away is kept, of a square of squares. Each filters what the one
+    /// before has filtered.
+    filters: Vec<Filter>,
     bias: Option<Bias>,
     firefly_clamp: Option<(Compute, wgpu::Buffer)>,
     compose: Compute,
@@ -109,12 +131,21 @@ impl Denoiser {
         let grid = plan.grid;
         let [image, layer] = [grid.size, grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
-        let filter = chosen([(Flag::Glossy, plan.glossy), (Flag::Mixes, plan.mixes)]);
-        let ends = [if plan.keeps_residual() { Flag::Residual } else { Flag::Fades }];
+        let kinds = chosen([(Flag::Glossy, plan.glossy), (Flag::Mixes, plan.mixes)]);
         let upsample: &[Flag] = if grid.scale > 1 { &[Flag::Upsample] } else { &[] };
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
         let pass = |shader, flags: &[Flag]| Compute::new(gpu, shader, flags);
+        let filter = |flags: &[Flag]| Filter {
+            pass: pass("denoise/filter", &[&kinds[..], flags].concat()),
+            filtered: gpu.storage("filtered", layer * 32),
+            residual: flags.contains(&Flag::Residual).then(|| gpu.storage("residual", image * 16)),
+        };
+        let filters: &[&[Flag]] = match (plan.filtered, plan.keeps_residual()) {
+            (false, _) => &[],
+            (true, false) => &[&[Flag::Fades]],
+            (true, true) => &[&[Flag::Residual], &[Flag::Residual, Flag::Coarse]],
+        };
         Self {
             grid,
             history: plan.history,
@@ -133,13 +164,9 @@ impl Denoiser {
             gradient: plan.has_gradients().then(|| pass("denoise/gradient", &[])),
             temporal: (plan.history > 0)
                 .then(|| (pass("denoise/temporal", &[]), Pair::new(gpu, "history", layer * 32))),
-            filter: plan
-                .filtered
-                .then(|| (pass("denoise/filter", &[&filter[..], &ends].concat()), gpu.storage("filtered", layer * 32))),
-            residual: plan.keeps_residual().then(|| gpu.storage("residual", image * 16)),
+            filters: filters.iter().map(|flags| filter(flags)).collect(),
             bias: plan.measures_bias.then(|| Bias {
-                again: pass("denoise/filter", &filter),
-                filtered_twice: gpu.storage("filtered", layer * 32),
+                again: filter(&[Flag::Coarse]),
                 composed: gpu.storage("composed", image * 16),
                 pictures: Pair::new(gpu, "picture", image * 16),
             }),
@@ -158,11 +185,11 @@ impl Denoiser {
     pub fn bytes(&self) -> u64 {
         let pairs = [&self.guides, &self.layers, &self.pictures];
         let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
-        let passes = [&self.filter, &self.firefly_clamp];
-        let buffers = passes.into_iter().flatten().map(|(_, buffer)| buffer);
-        let buffers = buffers.chain([&self.composed]).chain(&self.positions_before).chain(&self.residual);
-        let of_bias = |bias: &Bias| bias.filtered_twice.size() + bias.composed.size() + bias.pictures.bytes();
-        let bias = self.bias.as_ref().map_or(0, of_bias);
+        let filters = self.filters.iter().chain(self.bias.iter().map(|bias| &bias.again));
+        let of_filters = filters.flat_map(|filter| std::iter::once(&filter.filtered).chain(&filter.residual));
+        let clamped = self.firefly_clamp.iter().map(|(_, layers)| layers);
+        let buffers = of_filters.chain(clamped).chain([&self.composed]).chain(&self.positions_before);
+        let bias = self.bias.as_ref().map_or(0, |bias| bias.composed.size() + bias.pictures.bytes());
         pairs.map(Pair::bytes).sum::<u64>() + buffers.map(wgpu::Buffer::size).sum::<u64>() + bias
     }
 
@@ -198,7 +225,7 @@ impl Denoiser {
         let layers = layers.into_iter().chain(&self.layer_guides).filter(|_| self.history > 0);
         let history = self.temporal.iter().map(|(_, history)| history);
         let all = std::iter::once(&self.pictures).chain(bias).chain(layers).chain(history);
-        all.map(|pair| pair.before(self.frame)).chain(&self.residual)
+        all.map(|pair| pair.before(self.frame)).chain(self.filters.iter().filter_map(|filter| filter.residual.as_ref()))
     }
 
     /// Begins the average of still frames anew, since the camera has moved.
@@ -291,12 +318,9 @@ impl Denoiser {
             recording.run(pass, layer, &[&shared, &guides, &both, &inputs]);
             unfiltered = now.as_entire_binding();
         }
-        let mut light = unfiltered.clone();
-        if let Some((pass, filtered)) = &self.filter {
-            let inputs = [("unfiltered", unfiltered.clone()), ("filtered", filtered.as_entire_binding())];
-            let residual: Vec<_> = self.residual.iter().map(|all| ("residual", all.as_entire_binding())).collect();
-            recording.run(pass, layer, &[&shared, &guides, &inputs, &residual]);
-            light = filtered.as_entire_binding();
+        let mut light = unfiltered;
+        for filter in &self.filters {
+            light = filter.record(recording, layer, &[&shared, &guides], light);
         }
         if let Some((pass, clamped_layers)) = &self.firefly_clamp {
             let inputs = [("filtered", light), ("clamped_layers", clamped_layers.as_entire_binding())];
@@ -304,10 +328,9 @@ impl Denoiser {
             light = clamped_layers.as_entire_binding();
         }
         let mut pictures = vec![(light, &self.composed, &self.pictures)];
-        if let (Some((_, filtered)), Some(bias)) = (&self.filter, &self.bias) {
-            let inputs = bindings([("unfiltered", filtered), ("filtered", &bias.filtered_twice)]);
-            recording.run(&bias.again, layer, &[&shared, &guides, &inputs]);
-            pictures.push((bias.filtered_twice.as_entire_binding(), &bias.composed, &bias.pictures));
+        if let (Some(last), Some(bias)) = (self.filters.last(), &self.bias) {
+            let twice = bias.again.record(recording, layer, &[&shared, &guides], last.filtered.as_entire_binding());
+            pictures.push((twice, &bias.composed, &bias.pictures));
         }
         for (light, composed, pictures) in pictures {
             let inputs = bindings([
@@ -359,21 +382,23 @@ impl Denoiser {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn film(&self, gpu: &Gpu) -> Result<Film, GpuError> {
-        let (filtered, _) = self.read(gpu, self.pictures.before(self.frame)).await?;
-        Ok(match self.residual(gpu).await? {
-            Some(residual) => residual.combine(&filtered),
-            None => filtered,
+        Ok(match self.filtered(gpu).await? {
+            Some(filtered) => filtered.picture(),
+            None => self.read(gpu, self.pictures.before(self.frame)).await?.0,
         })
     }
 
-    /// Reads what the filter took away from the picture, if the plan keeps it.
+    /// Reads the filtered picture with what the filter took away, if the plan keeps it.
     ///
     /// # Errors
     /// [`GpuError`] if the device fails.
-    pub async fn residual(&self, gpu: &Gpu) -> Result<Option<Residual>, GpuError> {
-        let Some(buffer) = &self.residual else { return Ok(None) };
-        let (mean, square) = self.read(gpu, buffer).await?;
-        Ok(Some(Residual { mean, square, frames: self.still - self.first, side: self.grid.side }))
+    pub async fn filtered(&self, gpu: &Gpu) -> Result<Option<FilteredFilm>, GpuError> {
+        let [fine, coarse] = &self.filters[..] else { return Ok(None) };
+        let (Some(fine), Some(coarse)) = (&fine.residual, &coarse.residual) else { return Ok(None) };
+        let (film, _) = self.read(gpu, self.pictures.before(self.frame)).await?;
+        let residual = async |buffer| self.read(gpu, buffer).await.map(|(mean, square)| Residual { mean, square });
+        let (fine, coarse) = (residual(fine).await?, residual(coarse).await?);
+        Ok(Some(FilteredFilm { film, fine, coarse, frames: self.still - self.first, side: self.grid.side }))
     }
 
     /// Reads the same frames filtered, unfiltered and filtered twice, if the plan measures the bias of the filter.
@@ -381,12 +406,12 @@ impl Denoiser {
     /// # Errors
     /// [`GpuError`] if the device fails.
     pub async fn bias_films(&self, gpu: &Gpu) -> Result<Option<BiasFilms>, GpuError> {
-        let (Some(bias), Some(residual)) = (&self.bias, self.residual(gpu).await?) else { return Ok(None) };
-        let filtered = self.read(gpu, self.pictures.before(self.frame)).await?.0;
+        let (Some(bias), Some(filtered)) = (&self.bias, self.filtered(gpu).await?) else { return Ok(None) };
         let twice = self.read(gpu, bias.pictures.before(self.frame)).await?.0;
-        let unfiltered = residual.unfiltered(&filtered);
-        let left = residual.shares().into_iter().map(|share| 1.0 - share).collect();
-        Ok(Some(BiasFilms { side: self.grid.side, filtered, unfiltered, twice, left }))
+        let (unfiltered, left) = (filtered.unfiltered(), filtered.bias_left());
+        // A square of squares.
+        let side = self.grid.side * self.grid.side;
+        Ok(Some(BiasFilms { side, filtered: filtered.film, unfiltered, twice, left }))
     }
 
     /// Reads a buffer of an image: three values for each pixel, and a fourth one.

@@ -37,16 +37,23 @@ impl DenoisePlan {
         self.filtered && self.history == 0 && self.grid.scale == 1 && !self.clamps_fireflies
     }
 
+    /// Returns the runs of the filter in a frame: over a square, over a square of squares if the picture gets back what
+    /// that takes away, and once more to measure the bias.
+    fn filters(&self) -> u32 {
+        u32::from(self.filtered) + u32::from(self.keeps_residual()) + u32::from(self.measures_bias)
+    }
+
     /// Returns the bytes of layers, guides, histories and pictures.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         let [image, layer] = [self.grid.size, self.grid.layer()].map(|[w, h]| u64::from(w) * u64::from(h));
         let guide = size_of::<layouts::Guide>() as u64;
         let mut per_image_pixel = 2 * (guide + 16) + 16 + 32;
-        per_image_pixel += if self.measures_bias { 16 + 32 } else { 0 } + if self.keeps_residual() { 16 } else { 0 };
+        per_image_pixel +=
+            if self.measures_bias { 16 + 32 } else { 0 } + if self.keeps_residual() { 2 * 16 } else { 0 };
         let mut per_layer_pixel = 2 * 32;
         per_layer_pixel += if self.grid.scale > 1 { 2 * guide } else { 0 };
-        per_layer_pixel += if self.filtered { 32 } else { 0 } + if self.measures_bias { 32 } else { 0 };
+        per_layer_pixel += 32 * u64::from(self.filters());
         per_layer_pixel += if self.clamps_fireflies { 32 } else { 0 };
         per_layer_pixel += if self.history > 0 { 2 * 32 } else { 0 };
         let squares: u64 = self.grid.squares().iter().map(|&side| u64::from(side)).product();
@@ -61,8 +68,9 @@ impl DenoisePlan {
             let why_not = if layered { why_not } else { "iterations are summed, not denoised" };
             let runs = match name {
                 _ if !runs => 0,
-                // The filter runs once more to measure its bias, and one more picture is composed.
-                "filter" | "compose" | "antialias" if self.measures_bias => 2,
+                "filter" => self.filters(),
+                // One more picture is composed.
+                "compose" | "antialias" if self.measures_bias => 2,
                 _ => 1,
             };
             PlannedPass { name, runs, reason: if runs > 0 { why } else { why_not.to_owned() } }
@@ -85,7 +93,10 @@ impl DenoisePlan {
             row(
                 "filter",
                 self.filtered,
-                format!("averages the {squares} light subpaths of a square"),
+                format!(
+                    "averages the {squares} light subpaths of a square{}",
+                    if self.keeps_residual() { ", then squares" } else { "" }
+                ),
                 if side > 1 { "--unfiltered" } else { "no --interleave" },
             ),
             row("firefly_clamp", self.clamps_fireflies, "as asked for".to_owned(), "not asked for"),

@@ -17,7 +17,7 @@ use glam::Vec3;
 use web_time::Instant;
 
 use crate::film::Film;
-use crate::film::residual::Residual;
+use crate::film::filtered::FilteredFilm;
 use crate::gpu::{Gpu, read_back_async};
 use crate::render::adapt::{adapted, warnings};
 use crate::render::adaptive_sampling::{self, ConvergedTiles};
@@ -482,10 +482,10 @@ impl Renderer for SharedRenderer<'_> {
         }
     }
 
-    async fn residual_async(&self) -> Result<Option<Residual>, RenderError> {
+    async fn filtered_film_async(&self) -> Result<Option<FilteredFilm>, RenderError> {
         let Some(denoiser) = &self.frame.denoiser else { return Ok(None) };
-        let residual = denoiser.residual(self.gpu).await?;
-        Ok(residual.map(|residual| residual.cropped(self.settings.crop)))
+        let filtered = denoiser.filtered(self.gpu).await?;
+        Ok(filtered.map(|filtered| filtered.cropped(self.settings.crop)))
     }
 
     async fn bias_films_async(&self) -> Result<Option<BiasFilms>, RenderError> {

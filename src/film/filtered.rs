@@ -1,9 +1,10 @@
-//! What the filter of interleaved pictures takes away, and how much of it a picture gets back.
+//! A filtered picture, what the filter took away, and how much of it the picture gets back.
 //!
-//! The filter averages neighbours, which removes noise, and detail with it. The residual d of a pixel is the mean of
-//! its frames without the filter minus that with it. Its expectation is minus the filter's bias; the variance v of
-//! the mean is known, since each frame has a residual. The picture is F + s d, with the filtered mean F and, in a
-//! square of pixels around each one,
+//! The filter of interleaved pictures averages neighbours, over a square and then over a square of squares. Either removes
+//! noise, and detail with it. The residual d of a pixel is the mean of its frames before the filter minus that after it.
+//! Its expectation is minus the filter's bias; the variance v of the mean is known, since each frame has a residual. The
+//! picture is F + s d + s' d', with the filtered mean F, the residuals of both filters and, in a square of pixels around
+//! each one,
 //!
 //!   s = max(1 - c sum (v / t) / sum (d^2 / t), 0),
 //!
@@ -14,7 +15,10 @@
 //! Pixels of a class share light subpaths, so that their residuals err together: a square has as many independent errors
 //! as classes, a few, and sum d^2 may be some times its expectation. What then comes back is a pattern that repeats with
 //! the classes. Detail hardly ever does, so that the means of a square's classes tell the pattern from it, and c is as large as
-//! the pattern asks for, within bounds.
+//! the pattern asks for, within bounds. Means of squares have no such pattern, and c is 1.
+//!
+//! A wide square may reach from a window to the dark frame around it, where a small share of what it brings is still too
+//! much. Where more light leaks in than the pixel has, and not by chance, it gets all back.
 
 use rayon::prelude::*;
 
@@ -34,23 +38,39 @@ const REACH_OF_NOISE: usize = 1;
 /// Share of the picture's mean deviation that is added to each, so that places without noise do not count alone.
 const LEAST_NOISE: f64 = 1e-3;
 
-/// Bounds of c (docs/journal.md, "Few samples"). Of a pattern of 3x3 classes after 4 frames (the test below) more comes back with 4.
+/// Bounds of c of the filter of a square (docs/journal.md, "Few samples"). Of a pattern of 3x3 classes after 4 frames (the test below) more comes back with 4.
 const LEAST_MARGIN: f64 = 1.25;
 const MOST_MARGIN: f64 = 5.0;
+
+/// c of the filter of a square of squares.
+const COARSE_MARGIN: f64 = 1.0;
+
+/// Light that leaks into a pixel, over its own, from which on all of it comes back if d^2 is this many times v. With half
+/// of either the noise of few frames leaves dark dots (docs/journal.md, "Few samples").
+const MOST_LEAK: f64 = 2.0;
+const LEAST_EVIDENCE: f64 = 4.0;
 
 /// Least number of frames from which a variance is estimated.
 const LEAST_FRAMES: u64 = 4;
 
-/// Names of the channels of a file.
-const CHANNELS: [&str; 5] = ["residual.R", "residual.G", "residual.B", "residual.square", "residual.side"];
-
-/// What the filter has taken away from a picture.
+/// What a filter has taken away from a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Residual {
     /// Mean of the frames' residuals, radiance.
     pub mean: Film,
     /// Mean of the square of a frame's residual, summed over R, G and B before.
     pub square: Vec<f32>,
+}
+
+/// A filtered picture, with what the filter took away.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilteredFilm {
+    /// Mean of the frames, filtered by both.
+    pub film: Film,
+    /// What the filter of a square took away.
+    pub fine: Residual,
+    /// What that of a square of squares then took away.
+    pub coarse: Residual,
     /// Number of frames.
     pub frames: u64,
     /// Side of the squares in which pixels have classes: those at the same place of any square share light subpaths.
@@ -58,91 +78,163 @@ pub struct Residual {
 }
 
 impl Residual {
+    fn of(picture: &Picture, name: &str) -> Option<Self> {
+        let square = picture.channel(&format!("{name}.square"))?.to_vec();
+        Some(Self { mean: film_of(picture, name)?, square })
+    }
+
+    fn cropped(self, crop: Option<Crop>) -> Self {
+        let Some(region) = crop else { return self };
+        let square = region.pixels(self.mean.width).map(|pixel| self.square[pixel as usize]).collect();
+        Self { mean: self.mean.cropped(crop), square }
+    }
+
+    fn channels(&self, name: &str) -> impl Iterator<Item = Channel> {
+        let square = Channel { name: format!("{name}.square"), values: self.square.clone() };
+        channels_of(&self.mean, name).chain([square])
+    }
+
+    /// Returns the sums over R, G and B of each pixel's mean, and their variances.
+    fn statistics(&self, frames: u64) -> [Vec<f64>; 2] {
+        let sums: Vec<_> = self.mean.pixels.iter().map(sum).collect();
+        let variance = |(&square, sum): (&f32, &f64)| (f64::from(square) - sum * sum).max(0.0) / (frames - 1) as f64;
+        let variances = self.square.iter().zip(&sums).map(variance).collect();
+        [sums, variances]
+    }
+
+    /// Returns the share of the residual that each pixel gets back. `side`: see [`FilteredFilm::side`]; 1 if the pixels
+    /// have no light subpaths in common. `least_margin`: the least c.
+    fn shares(&self, frames: u64, side: u32, least_margin: f64) -> Vec<f32> {
+        if frames < LEAST_FRAMES {
+            return vec![0.0; self.square.len()];
+        }
+        let [sums, variances] = self.statistics(frames);
+        let size = [self.mean.width as usize, self.mean.height as usize];
+        let weights = weights(&variances, size);
+        let scaled: Vec<_> = sums.iter().zip(&weights).map(|(sum, weight)| sum * weight.sqrt()).collect();
+        let variances: Vec<_> = variances.iter().zip(&weights).map(|(variance, weight)| variance * weight).collect();
+        let squares_of = [REACH, REACH_OF_PATTERNS].map(|reach| Squares::new(&scaled, &variances, size, reach, side));
+        let share = |at: usize| {
+            let [square, variance] = squares_of[0].sums(at);
+            if square <= least_margin * variance {
+                return 0.0;
+            }
+            let margin =
+                squares_of.iter().map(|squares| squares.pattern(at)).fold(least_margin, f64::max).min(MOST_MARGIN);
+            (1.0 - margin * variance / square).max(0.0) as f32
+        };
+        (0..sums.len()).into_par_iter().map(share).collect()
+    }
+
+    /// Returns whether each pixel of a picture without the filter is much darker than with it, and not by chance.
+    fn leaks<'a>(&self, frames: u64, unfiltered: &'a Film) -> impl Iterator<Item = bool> + use<'a> {
+        let [sums, variances] = if frames < LEAST_FRAMES { [vec![], vec![]] } else { self.statistics(frames) };
+        let leaks = |((taken, variance), own): ((f64, f64), &[f32; 3])| {
+            -taken > MOST_LEAK * sum(own).max(0.0) && taken * taken > LEAST_EVIDENCE * variance
+        };
+        sums.into_iter().zip(variances).zip(&unfiltered.pixels).map(leaks)
+    }
+}
+
+impl FilteredFilm {
     /// Reads the channels of a picture of `frames` samples; none if it has no such channels.
     #[must_use]
     pub fn of(picture: &Picture, frames: u64) -> Option<Self> {
-        let [r, g, b, square, side] = CHANNELS.map(|name| picture.channel(name));
-        let side = side?.first().map_or(1, |&side| side as u32);
-        let pixels = r?.iter().zip(g?).zip(b?).map(|((&r, &g), &b)| [r, g, b]).collect();
-        let Film { width, height, .. } = picture.film;
-        Some(Self { mean: Film { width, height, pixels }, square: square?.to_vec(), frames, side })
+        let side = picture.channel("residual.side")?.first().map_or(1, |&side| side as u32);
+        let [fine, coarse] = ["residual", "residual.coarse"].map(|name| Residual::of(picture, name));
+        Some(Self { film: film_of(picture, "filtered")?, fine: fine?, coarse: coarse?, frames, side })
     }
 
     /// Returns the pixels of a crop; without one, all of them. Near the border of a crop shares differ, since squares
     /// end there.
     #[must_use]
     pub fn cropped(self, crop: Option<Crop>) -> Self {
-        let Some(region) = crop else { return self };
-        let square = region.pixels(self.mean.width).map(|pixel| self.square[pixel as usize]).collect();
-        Self { mean: self.mean.cropped(crop), square, ..self }
+        let Self { film, fine, coarse, .. } = self;
+        Self { film: film.cropped(crop), fine: fine.cropped(crop), coarse: coarse.cropped(crop), ..self }
     }
 
     /// Returns the channels by which pictures of parts of the samples are merged.
     #[must_use]
     pub fn channels(&self) -> Vec<Channel> {
-        let values = |c: usize| match c {
-            3 => self.square.clone(),
-            4 => vec![self.side as f32; self.square.len()],
-            _ => self.mean.pixels.iter().map(|pixel| pixel[c]).collect(),
-        };
-        CHANNELS.iter().enumerate().map(|(c, name)| Channel { name: (*name).to_owned(), values: values(c) }).collect()
+        let side = Channel { name: "residual.side".to_owned(), values: vec![self.side as f32; self.fine.square.len()] };
+        let residuals = self.fine.channels("residual").chain(self.coarse.channels("residual.coarse"));
+        channels_of(&self.film, "filtered").chain(residuals).chain([side]).collect()
     }
 
-    /// Returns the picture of a filtered mean.
+    /// Returns the picture.
     #[must_use]
-    pub fn combine(&self, filtered: &Film) -> Film {
-        self.added(filtered, &self.shares())
+    pub fn picture(&self) -> Film {
+        let [fine, coarse] = self.shares();
+        added(&added(&self.film, &self.coarse.mean, &coarse), &self.fine.mean, &fine)
     }
 
-    /// Returns the filtered mean of a picture.
+    /// Returns the mean of the frames without a filter.
     #[must_use]
-    pub fn filtered(&self, picture: &Film) -> Film {
-        let shares: Vec<_> = self.shares().iter().map(|share| -share).collect();
-        self.added(picture, &shares)
+    pub fn unfiltered(&self) -> Film {
+        let all = vec![1.0; self.film.pixels.len()];
+        added(&added(&self.film, &self.coarse.mean, &all), &self.fine.mean, &all)
     }
 
-    /// Returns the unfiltered mean that belongs to a filtered one.
+    /// Returns the shares of the fine and the coarse residual that each pixel gets back.
     #[must_use]
-    pub fn unfiltered(&self, filtered: &Film) -> Film {
-        self.added(filtered, &vec![1.0; filtered.pixels.len()])
-    }
-
-    fn added(&self, film: &Film, shares: &[f32]) -> Film {
-        let add = |(pixel, mean): (&[f32; 3], &[f32; 3]), share: f32| -> [f32; 3] {
-            std::array::from_fn(|c| if share == 0.0 { pixel[c] } else { pixel[c] + share * mean[c] })
-        };
-        let pixels = film.pixels.iter().zip(&self.mean.pixels).zip(shares).map(|(both, &share)| add(both, share));
-        Film { width: film.width, height: film.height, pixels: pixels.collect() }
-    }
-
-    /// Returns the share of the residual that each pixel gets back.
-    #[must_use]
-    pub fn shares(&self) -> Vec<f32> {
-        if self.frames < LEAST_FRAMES {
-            return vec![0.0; self.square.len()];
-        }
-        let sums: Vec<_> =
-            self.mean.pixels.iter().map(|&[r, g, b]| f64::from(r) + f64::from(g) + f64::from(b)).collect();
-        let variance =
-            |(&square, sum): (&f32, &f64)| (f64::from(square) - sum * sum).max(0.0) / (self.frames - 1) as f64;
-        let variances: Vec<_> = self.square.iter().zip(&sums).map(variance).collect();
-        let size = [self.mean.width as usize, self.mean.height as usize];
-        let weights = weights(&variances, size);
-        let scaled: Vec<_> = sums.iter().zip(&weights).map(|(sum, weight)| sum * weight.sqrt()).collect();
-        let variances: Vec<_> = variances.iter().zip(&weights).map(|(variance, weight)| variance * weight).collect();
-        let squares_of =
-            [REACH, REACH_OF_PATTERNS].map(|reach| Squares::new(&scaled, &variances, size, reach, self.side));
-        let share = |at: usize| {
-            let [square, variance] = squares_of[0].sums(at);
-            if square <= LEAST_MARGIN * variance {
-                return 0.0;
+    pub fn shares(&self) -> [Vec<f32>; 2] {
+        let mut coarse = self.coarse.shares(self.frames, 1, COARSE_MARGIN);
+        let before = added(&self.film, &self.coarse.mean, &vec![1.0; self.film.pixels.len()]);
+        for (share, leaks) in coarse.iter_mut().zip(self.coarse.leaks(self.frames, &before)) {
+            if leaks {
+                *share = 1.0;
             }
-            let margin =
-                squares_of.iter().map(|squares| squares.pattern(at)).fold(LEAST_MARGIN, f64::max).min(MOST_MARGIN);
-            (1.0 - margin * variance / square).max(0.0) as f32
-        };
-        (0..sums.len()).into_par_iter().map(share).collect()
+        }
+        [self.fine.shares(self.frames, self.side, LEAST_MARGIN), coarse]
     }
+
+    /// Returns the share of the filters' bias that each pixel of the picture has.
+    #[must_use]
+    pub fn bias_left(&self) -> Vec<f32> {
+        let [fine, coarse] = self.shares();
+        let left = |at: usize| {
+            let [(first, kept), (second, kept_too)] = [(&self.fine, fine[at]), (&self.coarse, coarse[at])]
+                .map(|(residual, share)| (sum(&residual.mean.pixels[at]).powi(2), f64::from(1.0 - share).powi(2)));
+            let all = first + second;
+            if all > 0.0 { ((first * kept + second * kept_too) / all).sqrt() as f32 } else { 1.0 }
+        };
+        (0..fine.len()).map(left).collect()
+    }
+}
+
+/// Returns a film plus shares of another.
+fn added(film: &Film, other: &Film, shares: &[f32]) -> Film {
+    let add = |(pixel, other): (&[f32; 3], &[f32; 3]), share: f32| -> [f32; 3] {
+        std::array::from_fn(|c| if share == 0.0 { pixel[c] } else { pixel[c] + share * other[c] })
+    };
+    let pixels = film.pixels.iter().zip(&other.pixels).zip(shares).map(|(both, &share)| add(both, share));
+    Film { width: film.width, height: film.height, pixels: pixels.collect() }
+}
+
+fn sum(pixel: &[f32; 3]) -> f64 {
+    pixel.iter().map(|&value| f64::from(value)).sum()
+}
+
+/// Returns the names of the channels of a film in a file.
+fn names_of(name: &str) -> [String; 3] {
+    ["R", "G", "B"].map(|channel| format!("{name}.{channel}"))
+}
+
+fn film_of(picture: &Picture, name: &str) -> Option<Film> {
+    let [r, g, b] = names_of(name).map(|name| picture.channel(&name));
+    let pixels = r?.iter().zip(g?).zip(b?).map(|((&r, &g), &b)| [r, g, b]).collect();
+    let Film { width, height, .. } = picture.film;
+    Some(Film { width, height, pixels })
+}
+
+fn channels_of(film: &Film, name: &str) -> impl Iterator<Item = Channel> {
+    let values = |c: usize| film.pixels.iter().map(|pixel| pixel[c]).collect();
+    names_of(name)
+        .into_iter()
+        .enumerate()
+        .map(|(c, name)| Channel { name, values: values(c) })
+        .collect::<Vec<_>>()
+        .into_iter()
 }
 
 /// Returns the weight of each pixel in sums: one over the deviation of residuals around it.
@@ -263,7 +355,7 @@ mod tests {
             (((mixed ^ (mixed >> 32)) >> 40) as f32 / (1 << 24) as f32 - 0.5) * 12.0_f32.sqrt()
         };
         let (mean, square) = (Film::new(SIDE, SIDE), vec![0.0; (SIDE * SIDE) as usize]);
-        let mut all = Residual { mean, square, frames, side: 1 };
+        let mut all = Residual { mean, square };
         for (at, (mean, square)) in all.mean.pixels.iter_mut().zip(&mut all.square).enumerate() {
             for frame in 0..frames {
                 let value = value(at as u32 % SIDE, noise(at as u64 * frames + frame)) / 3.0;
@@ -287,7 +379,7 @@ mod tests {
             column if column < half => 100.0 * noise,
             column => noise + if column == half + 1 { 5.0 } else { 0.0 },
         })
-        .shares();
+        .shares(16, 1, LEAST_MARGIN);
         let mean =
             |column: u32| shares.chunks(SIDE as usize).map(|row| row[column as usize]).sum::<f32>() / SIDE as f32;
         let [noise, detail] = [half / 2, half + 1].map(mean);
@@ -298,7 +390,7 @@ mod tests {
     #[test]
     fn detail_comes_back_and_noise_does_not() {
         let halves = |bias: f32, frames: u64| {
-            let shares = residual(bias, frames).shares();
+            let shares = residual(bias, frames).shares(frames, 1, LEAST_MARGIN);
             let half = |right: u32| {
                 let middle = |at: u32| at / (SIDE / 2) == right && (at % (SIDE / 2)).abs_diff(SIDE / 4) < 4;
                 let all: Vec<_> = shares
@@ -333,8 +425,7 @@ mod tests {
                     errors.into_iter().map(|error| error - mean).collect()
                 })
                 .collect();
-            let mut all =
-                Residual { mean: Film::new(21, 21), square: vec![0.0; 21 * 21], frames: frames as u64, side: sides };
+            let mut all = Residual { mean: Film::new(21, 21), square: vec![0.0; 21 * 21] };
             for (at, (mean, square)) in (0..).zip(all.mean.pixels.iter_mut().zip(&mut all.square)) {
                 let class = at / 21 % side * side + at % 21 % side;
                 for errors in &errors {
@@ -343,7 +434,7 @@ mod tests {
                     *square += value * value / frames as f32;
                 }
             }
-            let shares = all.shares();
+            let shares = all.shares(frames as u64, sides, LEAST_MARGIN);
             shares[10 * 21 + 10]
         };
         let returned = |sides: u32, random: &mut dyn FnMut() -> f32| {
@@ -356,18 +447,58 @@ mod tests {
         assert!(detail > 0.5, "{detail}");
     }
 
-    /// A picture gives back the filtered mean that it was made of.
+    /// Returns a filtered picture of one colour with what both filters took away.
+    fn filtered(color: [f32; 3], fine: Residual, coarse: Residual, frames: u64) -> FilteredFilm {
+        let film = Film { pixels: vec![color; (SIDE * SIDE) as usize], width: SIDE, height: SIDE };
+        FilteredFilm { film, fine, coarse, frames, side: 1 }
+    }
+
+    /// A line that a window beside it would brighten stays dark, though the window is so noisy that a share of its light
+    /// would stay in the line. Where the line itself is bright, or the light may be chance, only a share comes back.
     #[test]
-    fn combining_is_undone() {
-        let residual = residual(1.0, 8);
-        let filtered = Film { pixels: vec![[0.5, 1.0, 2.0]; (SIDE * SIDE) as usize], width: SIDE, height: SIDE };
-        let picture = residual.combine(&filtered);
-        assert!(picture != filtered);
-        let back = residual.filtered(&picture);
-        let apart = back.pixels.iter().flatten().zip(filtered.pixels.iter().flatten()).map(|(a, b)| (a - b).abs());
-        assert!(apart.fold(0.0, f32::max) < 1e-5);
-        let channels = residual.channels();
-        let of_file = Picture { film: picture, channels, ..Picture::default() };
-        assert_eq!(Residual::of(&of_file, 8), Some(residual));
+    fn light_does_not_leak_into_the_dark() {
+        let line = SIDE / 2;
+        let coarse = |leak: f32| {
+            residual_of(16, |column, noise| match column {
+                column if column + 1 == line => 8.0 + 16.0 * noise,
+                column if column == line => leak + noise,
+                _ => 0.0,
+            })
+        };
+        let share = |own: f32, leak: f32| {
+            let [before, none] = [own - leak / 3.0, 0.0].map(|value| [value; 3]);
+            let fine = residual_of(16, |_, _| none[0]);
+            let shares = filtered(before, fine, coarse(leak), 16).shares()[1].clone();
+            let column = shares.chunks(SIDE as usize).map(|row| f64::from(row[line as usize]));
+            column.sum::<f64>() / f64::from(SIDE)
+        };
+        let [dark, bright, chance] = [share(0.1, -3.0), share(50.0, -3.0), share(0.001, -0.02)];
+        assert!(dark == 1.0 && bright < 0.9 && chance < 0.9, "{dark} {bright} {chance}");
+    }
+
+    /// The picture, the mean without filters and the bias that is left follow from the shares of both residuals.
+    #[test]
+    fn residuals_of_both_filters_come_back() {
+        let all = filtered([10.0, 20.0, 30.0], residual(1.0, 8), residual(6.0, 8), 8);
+        let [fine, coarse] = all.shares();
+        assert!(fine != coarse);
+        let (picture, unfiltered, left) = (all.picture(), all.unfiltered(), all.bias_left());
+        for at in 0..left.len() {
+            let [a, b] = [&all.fine, &all.coarse].map(|residual| residual.mean.pixels[at][1]);
+            assert!((picture.pixels[at][1] - (20.0 + fine[at] * a + coarse[at] * b)).abs() < 1e-4);
+            assert!((unfiltered.pixels[at][1] - (20.0 + a + b)).abs() < 1e-4);
+            let bounds = [1.0 - fine[at], 1.0 - coarse[at]];
+            let [least, most] = [bounds[0].min(bounds[1]), bounds[0].max(bounds[1])];
+            assert!(left[at] >= least - 1e-4 && left[at] <= most + 1e-4);
+        }
+    }
+
+    /// A file says all of it.
+    #[test]
+    fn channels_are_read_back() {
+        let all = filtered([0.5, 1.0, 2.0], residual(1.0, 8), residual(2.0, 8), 8);
+        let of_file = Picture { film: all.picture(), channels: all.channels(), ..Picture::default() };
+        assert_eq!(FilteredFilm::of(&of_file, 8), Some(all));
+        assert_eq!(FilteredFilm::of(&Picture { channels: Vec::new(), ..of_file }, 8), None);
     }
 }
