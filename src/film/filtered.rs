@@ -51,7 +51,7 @@ const MOST_LEAK: f64 = 2.0;
 const LEAST_EVIDENCE: f64 = 4.0;
 
 /// Least number of frames from which a variance is estimated.
-const LEAST_FRAMES: u64 = 4;
+const LEAST_FRAMES: u64 = 3;
 
 /// What a filter has taken away from a picture.
 #[derive(Clone, Debug, PartialEq)]
@@ -188,17 +188,17 @@ impl FilteredFilm {
         [self.fine.shares(self.frames, self.side, LEAST_MARGIN), coarse]
     }
 
-    /// Returns the share of the filters' bias that each pixel of the picture has.
+    /// Returns the share of the filters' bias that each pixel of the picture has, 0 to 1.
     #[must_use]
     pub fn bias_left(&self) -> Vec<f32> {
-        let [fine, coarse] = self.shares();
+        let shares = self.shares();
         let left = |at: usize| {
-            let [(first, kept), (second, kept_too)] = [(&self.fine, fine[at]), (&self.coarse, coarse[at])]
-                .map(|(residual, share)| (sum(&residual.mean.pixels[at]).powi(2), f64::from(1.0 - share).powi(2)));
-            let all = first + second;
-            if all > 0.0 { ((first * kept + second * kept_too) / all).sqrt() as f32 } else { 1.0 }
+            let taken = [&self.fine, &self.coarse].map(|residual| sum(&residual.mean.pixels[at]));
+            let kept = taken.iter().zip(&shares).map(|(taken, shares)| taken * f64::from(1.0 - shares[at]));
+            let all: f64 = taken.iter().sum();
+            if all == 0.0 { 1.0 } else { (kept.sum::<f64>() / all).clamp(0.0, 1.0) as f32 }
         };
-        (0..fine.len()).map(left).collect()
+        (0..self.film.pixels.len()).map(left).collect()
     }
 }
 
@@ -487,9 +487,11 @@ mod tests {
             let [a, b] = [&all.fine, &all.coarse].map(|residual| residual.mean.pixels[at][1]);
             assert!((picture.pixels[at][1] - (20.0 + fine[at] * a + coarse[at] * b)).abs() < 1e-4);
             assert!((unfiltered.pixels[at][1] - (20.0 + a + b)).abs() < 1e-4);
-            let bounds = [1.0 - fine[at], 1.0 - coarse[at]];
-            let [least, most] = [bounds[0].min(bounds[1]), bounds[0].max(bounds[1])];
-            assert!(left[at] >= least - 1e-4 && left[at] <= most + 1e-4);
+            // What filters take away of one sign leaves a mean of both shares.
+            if a > 0.0 && b > 0.0 {
+                let kept = ((1.0 - fine[at]) * a + (1.0 - coarse[at]) * b) / (a + b);
+                assert!((left[at] - kept).abs() < 1e-4);
+            }
         }
     }
 

@@ -185,11 +185,13 @@ impl Convergence {
     fn bias(&mut self, samples: u64, bias: &BiasFilms) -> f64 {
         let values = |film: &Film| film.pixels.iter().flatten().map(|&value| f64::from(value)).collect::<Vec<_>>();
         let [film, unfiltered, twice] = [&bias.filtered, &bias.unfiltered, &bias.twice].map(values);
-        // Bright light that leaks into dark pixels is an error relative to these.
-        let weight = |(filtered, unfiltered): (&f64, &f64)| 1.0 / (filtered.min(unfiltered.max(0.0)).powi(2) + DARK);
-        let left = bias.left.iter().flat_map(|&left| [f64::from(left).powi(2); 3]);
-        let weights: Vec<f64> =
-            film.iter().zip(&unfiltered).map(weight).zip(left).map(|(weight, left)| weight * left).collect();
+        // Bright light that leaks into dark pixels is an error relative to what the picture has there.
+        let weight = |((filtered, unfiltered), left): ((&f64, &f64), f64)| {
+            let shown = unfiltered + left * (filtered - unfiltered);
+            left.powi(2) / (filtered.min(shown.max(0.0)).powi(2) + DARK)
+        };
+        let left = bias.left.iter().flat_map(|&left| [f64::from(left); 3]);
+        let weights: Vec<f64> = film.iter().zip(&unfiltered).zip(left).map(weight).collect();
         let count = weights.len().max(1) as f64;
         let squares = weights.iter().zip(film.iter().zip(&twice)).map(|(w, (once, twice))| w * (once - twice).powi(2));
         let again = squares.sum::<f64>() / count;

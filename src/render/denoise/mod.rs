@@ -409,9 +409,7 @@ impl Denoiser {
         let (Some(bias), Some(filtered)) = (&self.bias, self.filtered(gpu).await?) else { return Ok(None) };
         let twice = self.read(gpu, bias.pictures.before(self.frame)).await?.0;
         let (unfiltered, left) = (filtered.unfiltered(), filtered.bias_left());
-        // A square of squares.
-        let side = self.grid.side * self.grid.side;
-        Ok(Some(BiasFilms { side, filtered: filtered.film, unfiltered, twice, left }))
+        Ok(Some(BiasFilms { side: self.grid.side, filtered: filtered.film, unfiltered, twice, left }))
     }
 
     /// Reads a buffer of an image: three values for each pixel, and a fourth one.
