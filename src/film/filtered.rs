@@ -38,7 +38,8 @@ const REACH_OF_NOISE: usize = 1;
 /// Share of the picture's mean deviation that is added to each, so that places without noise do not count alone.
 const LEAST_NOISE: f64 = 1e-3;
 
-/// Bounds of c of the filter of a square (docs/journal.md, "Few samples"). Of a pattern of 3x3 classes after 4 frames (the test below) more comes back with 4.
+/// Bounds of c of the filter of a square (docs/journal.md, "Few samples"). Of a pattern of 3x3 classes after 4 frames (the
+/// test below) more comes back with 4.
 const LEAST_MARGIN: f64 = 1.25;
 const MOST_MARGIN: f64 = 5.0;
 
@@ -171,16 +172,24 @@ impl FilteredFilm {
     /// Returns the mean of the frames without a filter.
     #[must_use]
     pub fn unfiltered(&self) -> Film {
-        let all = vec![1.0; self.film.pixels.len()];
-        added(&added(&self.film, &self.coarse.mean, &all), &self.fine.mean, &all)
+        added(&self.filtered_once(), &self.fine.mean, &self.all())
+    }
+
+    /// Returns the mean of the frames with the filter of a square alone.
+    fn filtered_once(&self) -> Film {
+        added(&self.film, &self.coarse.mean, &self.all())
+    }
+
+    /// Returns the shares of a residual that comes back whole.
+    fn all(&self) -> Vec<f32> {
+        vec![1.0; self.film.pixels.len()]
     }
 
     /// Returns the shares of the fine and the coarse residual that each pixel gets back.
     #[must_use]
     pub fn shares(&self) -> [Vec<f32>; 2] {
         let mut coarse = self.coarse.shares(self.frames, 1, COARSE_MARGIN);
-        let before = added(&self.film, &self.coarse.mean, &vec![1.0; self.film.pixels.len()]);
-        for (share, leaks) in coarse.iter_mut().zip(self.coarse.leaks(self.frames, &before)) {
+        for (share, leaks) in coarse.iter_mut().zip(self.coarse.leaks(self.frames, &self.filtered_once())) {
             if leaks {
                 *share = 1.0;
             }

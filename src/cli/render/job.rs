@@ -65,7 +65,7 @@ pub(super) struct Kept {
     scene_hash: OnceCell<String>,
     aovs: OnceCell<Option<Aovs>>,
     light: RefCell<Option<SplitLight>>,
-    /// What the filter took away from a picture that may be merged with others.
+    /// The filtered picture, and what the filter took away, of a picture that may be merged with others.
     filtered: RefCell<Option<FilteredFilm>>,
     groups: RefCell<Vec<GroupFilm>>,
 }
