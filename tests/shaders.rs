@@ -150,7 +150,9 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         .filter(|f| pass == LIST_LENGTHS || *f != Flag::Walked)
         .filter(|f| WRITES_LISTS.contains(&pass) || *f != Flag::PerTexel)
         .filter(|f| HAS_CAUSTICS.contains(&pass) || *f != Flag::Caustics)
-        .filter(|f| ![Flag::SkyGuide, Flag::Swizzled, Flag::TexelTables, Flag::SpecularBounces].contains(f))
+        .filter(|f| {
+            ![Flag::SkyGuide, Flag::Swizzled, Flag::Roulette, Flag::TexelTables, Flag::SpecularBounces].contains(f)
+        })
         .filter(|f| !SEES_A_GUIDED_SKY.contains(&pass) || *f != Flag::EnvironmentMap)
         .filter(|f| !TRACERS.contains(f) && !like_layers().any(|layer| layer == *f))
         .filter(|f| *f != Flag::Projected && (QUERIES_LIGHTS.contains(&pass) || *f != Flag::Infinite))
@@ -166,6 +168,9 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
             // The order of threads changes nothing else, so that half of the sets have each.
             let swizzled = pass == EXTEND && set.contains(&Flag::Rays);
             set.extend(swizzled.then_some(Flag::Swizzled));
+            // Interleaved pictures have layers.
+            let roulette = pass == CONNECT && set.contains(&Flag::Layered);
+            set.extend(roulette.then_some(Flag::Roulette));
             set
         })
         .filter(|set| sensible(pass, set))

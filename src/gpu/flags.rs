@@ -121,6 +121,8 @@ flags! {
     Reuse = "REUSE",
     /// Light is added to layers that are denoised, not to the film.
     Layered = "LAYERED",
+    /// Connections that add little are tested now and then.
+    Roulette = "ROULETTE",
     /// Sides of triangles are drawn exactly for the camera.
     Borders = "BORDERS",
     /// Converged tiles are skipped.
