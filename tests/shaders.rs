@@ -168,9 +168,6 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
             // The order of threads changes nothing else, so that half of the sets have each.
             let swizzled = pass == EXTEND && set.contains(&Flag::Rays);
             set.extend(swizzled.then_some(Flag::Swizzled));
-            // Interleaved pictures have layers.
-            let roulette = pass == CONNECT && set.contains(&Flag::Layered);
-            set.extend(roulette.then_some(Flag::Roulette));
             set
         })
         .filter(|set| sensible(pass, set))
@@ -209,6 +206,12 @@ fn sets(pass: &str, flags: &BTreeSet<Flag>) -> Vec<Vec<Flag>> {
         let counting = |set: &&Vec<Flag>| set.contains(&Flag::Specular) && !set.contains(&Flag::Last);
         let few = covering(&sets.iter().filter(counting).cloned().collect::<Vec<_>>(), 2);
         sets.extend(few.into_iter().map(|set| [set.as_slice(), &[Flag::SpecularBounces]].concat()));
+    }
+    // Interleaved pictures have layers, but not all that have layers are interleaved.
+    if all_flags.contains(&Flag::Roulette) {
+        let layered = |set: &&Vec<Flag>| set.contains(&Flag::Layered);
+        let few = covering(&sets.iter().filter(layered).cloned().collect::<Vec<_>>(), 2);
+        sets.extend(few.into_iter().map(|set| [set.as_slice(), &[Flag::Roulette]].concat()));
     }
     // What rows of tables are read from changes nothing else, so that few sets with every flag have texels.
     if all_flags.contains(&Flag::TexelTables) {
