@@ -51,7 +51,7 @@ fn plan(stats: &SceneStats, settings: &Settings) -> FramePlan {
     // Rays connect all light points in one run, maps one point each.
     let by_rays = |s: u32| s == 1 && plan.ray_views.lights;
     let joined = plan.connections.iter().map(|c| if by_rays(c.s) { 1 } else { plan.points_connected(c) });
-    assert_eq!(runs(&plan, "connect"), plan.grid.regions()[0] * joined.sum::<u32>());
+    assert_eq!(runs(&plan, "connect"), plan.grid.count_bands()[0] * joined.sum::<u32>());
     let others = plan.direct_lights.saturating_sub(1);
     // Vertices that draw directions of their own need no bundles.
     let bundles = if plan.own_directions { 0 } else { plan.extensions.len() as u32 };
@@ -63,7 +63,7 @@ fn plan_of(stats: &SceneStats, settings: &Settings) -> FramePlan {
     let plan = FramePlan::new(stats, settings, &capabilities());
     let subpaths = plan.grid.subpaths();
     let counts =
-        [subpaths * plan.light_vertices.saturating_sub(1), plan.grid.regions()[0] * plan.extensions.len() as u32];
+        [subpaths * plan.light_vertices.saturating_sub(1), plan.grid.count_bands()[0] * plan.extensions.len() as u32];
     assert_eq!(["light_subpath", "extend"].map(|name| runs(&plan, name)), counts, "{plan}");
     assert!(plan.bytes > 0);
     let text = plan.to_string();
@@ -406,7 +406,7 @@ fn bands_fill_the_device() {
         let large = Settings { width: 1024, height: 1024, interleave: Some(1), ..bounces(2) };
         let grid = FramePlan::new(&one_light(), &large, &device).grid;
         assert!(grid.largest() <= u64::from(grid.band_pixels));
-        grid.regions()[0]
+        grid.count_bands()[0]
     };
     assert_eq!([of(false, 128 << 20), of(true, 128 << 20)], [1, 8]);
     assert!((8..64).contains(&of(false, 8 << 20)));
@@ -486,7 +486,7 @@ fn reuse_keeps_two_pools() {
         plan_of(&one_light(), &settings)
     };
     let (ris, restir) = (large(LightSampling::Ris), large(LightSampling::Restir));
-    assert_eq!([ris.grid.regions()[0], restir.grid.regions()[0]], [1, 8]);
+    assert_eq!([ris.grid.count_bands()[0], restir.grid.count_bands()[0]], [1, 8]);
     assert_eq!([runs(&ris, "view_setup"), runs(&restir, "view_setup")], [20; 2]);
     // A pool of one candidate has that one and the last iteration's.
     let one = of(LightSampling::Restir, Some(1));
@@ -553,8 +553,8 @@ fn bytes_grow_with_what_is_asked_for() {
     // Buffers hold two bands' pixels; beyond, only the film, the G-buffer and the borders grow.
     assert!(image(256, 512) < small && image(512, 513) < small);
     assert_eq!(image(1024, 1024) - image(1024, 512), 1024 * 512 * 36);
-    assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.regions(), [8, 0]);
-    assert_eq!(plan(&one_light(), &base).grid.regions(), [1, 0]);
+    assert_eq!(plan(&one_light(), &Settings { width: 1024, height: 1024, ..base.clone() }).grid.count_bands(), [8, 0]);
+    assert_eq!(plan(&one_light(), &base).grid.count_bands(), [1, 0]);
     assert!(bytes(&Settings { bundle_resolution: Some(256), ..base.clone() }) > small);
     assert!(bytes(&Settings { light_resolution: Some(512), ..base.clone() }) > small);
     assert!(bytes(&Settings { vpl_resolution: Some(512), ..base.clone() }) > small);

@@ -131,11 +131,11 @@ impl Ledger {
         self.write(|counts| entry(&mut counts.passes, Some(label)).draws += 1);
     }
 
-    pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 2]) {
+    pub(super) fn dispatch(&self, label: &str, workgroups: [u32; 3]) {
         self.write(|counts| {
             let pass = entry(&mut counts.passes, Some(label));
             pass.dispatches += 1;
-            pass.workgroups += u64::from(workgroups[0]) * u64::from(workgroups[1]);
+            pass.workgroups += workgroups.map(u64::from).iter().product::<u64>();
         });
     }
 

@@ -103,6 +103,18 @@ impl Compute {
     /// Records one dispatch of at least `threads`, rounded up to whole workgroups. Shaders check their
     /// bounds.
     pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, threads: [u32; 2], bindings: Bindings) {
+        self.record_layers(gpu, encoder, threads, 1, bindings);
+    }
+
+    /// As [`Self::record`], once for each layer: workgroups have it as z.
+    pub fn record_layers(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        threads: [u32; 2],
+        layers: u32,
+        bindings: Bindings,
+    ) {
         let Built { pipeline, slots, written, workgroup, .. } = self.pipeline.built();
         let groups = bind_groups(gpu, self.label, slots, |g| pipeline.get_bind_group_layout(g), bindings);
         #[cfg(not(target_family = "wasm"))]
@@ -128,9 +140,9 @@ impl Compute {
         for (group, bound) in groups.iter().enumerate() {
             pass.set_bind_group(group as u32, bound, &[]);
         }
-        let workgroups = [threads[0].div_ceil(workgroup[0]), threads[1].div_ceil(workgroup[1])];
-        gpu.ledger.dispatch(self.label, workgroups);
-        pass.dispatch_workgroups(workgroups[0], workgroups[1], 1);
+        let [columns, rows] = [0, 1].map(|axis| threads[axis].div_ceil(workgroup[axis]));
+        gpu.ledger.dispatch(self.label, [columns, rows, layers]);
+        pass.dispatch_workgroups(columns, rows, layers);
         drop(pass);
         gpu.non_finite.record(gpu, encoder, self.label, written, bindings);
     }

@@ -289,9 +289,9 @@ layouts! {
         splat_scale: f32,
         bounces: u32,
         specular_bounces: u32,
-        pad0: u32,
-        pad1: u32,
-        pad2: u32,
+        offset: u32,
+        slot: u32,
+        pad: u32,
     }
 
     /// A strategy's constants.
@@ -781,6 +781,11 @@ constants! {
         HEIGHT_OF_MAP = 1,
         HEIGHT_OF_NOISE = 2,
         HEIGHT_OF_WAVES = 3,
+    }
+
+    /// Classes of pixels that dispatches render together, at most.
+    mod classes in "lib/scene/frame" {
+        MOST_TOGETHER = 16,
     }
 
     /// [`Paths::only_s`] if all strategies count.

@@ -57,7 +57,7 @@ fn bands_leave_the_picture_as_it_is() {
         let of = |band_pixels, seed| {
             let settings =
                 Settings { band_pixels, seed, light_pool: Some(3), light_sampling: sampling, ..settings(40, 33, 4) };
-            let bands = SharedRenderer::new(gpu, &scene, &settings).unwrap().plan().grid.regions()[0];
+            let bands = SharedRenderer::new(gpu, &scene, &settings).unwrap().plan().grid.count_bands()[0];
             let (film, _) = raster(gpu, &scene, &settings);
             (film.pixels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>(), bands)
         };

@@ -2,6 +2,7 @@
 
 use crate::gpu::{Flag, Gpu};
 use crate::render::denoise::Denoiser;
+use crate::render::layouts::classes::MOST_TOGETHER;
 use crate::render::layouts::{self, FrameUniform};
 use crate::render::lights::bundle_directions::BundleDirections;
 use crate::render::shared::film_buffer::PixelBuffers;
@@ -146,7 +147,10 @@ impl Frame {
             rsm_of: None,
             gbuffer_camera: None,
             uniform: FrameUniform::default(),
-            light_vertices: gpu.storage("light_vertices", 2 * layouts::LightVertex::bytes(&plan.surface_flags) as u64),
+            light_vertices: gpu.storage(
+                "light_vertices",
+                u64::from(2 * MOST_TOGETHER) * layouts::LightVertex::bytes(&plan.surface_flags) as u64,
+            ),
             log: gpu.storage("log", 8 + 8 * views.slots() as u64),
             views,
             plan: plan.clone(),
@@ -267,7 +271,9 @@ fn extension(
         layouts::Strategy { sample_counts, j: e.j, clamp_distance, narrow_only, own_sky, ..Default::default() };
     let emitters: &[Flag] = if e.hits_emitter { &plan.light_flags } else { &[] };
     let guide = if e.hits_emitter { flags.guide } else { &[] };
-    let shader = flags.with(&[emitters, guide, &view_flags(plan, ViewRole::Bundle(e.j - 1))]);
+    // Several classes are alike, so that a software driver's threads have equal work.
+    let swizzled: &[Flag] = if gpu.capabilities.software && plan.grid.together == 1 { &[Flag::Swizzled] } else { &[] };
+    let shader = flags.with(&[emitters, guide, &view_flags(plan, ViewRole::Bundle(e.j - 1)), swizzled]);
     (StrategyUniforms::new(gpu, &constants, 1), Extend::new(gpu, &shader, e.last))
 }
 

@@ -5,6 +5,7 @@
 //! passes, [`super::views`] holds the views, and [`super::growth`] redoes iterations whose lists overflowed.
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use crate::gpu::Gpu;
 use crate::render::denoise::Denoiser;
@@ -42,7 +43,7 @@ pub struct Frame {
     pub pixels: PixelBuffers,
     /// Turns layers into pictures, if iterations are denoised.
     pub denoiser: Option<Denoiser>,
-    /// y1 and y2 of the last iteration.
+    /// y1 and y2 of the last iteration, of each class that is rendered together.
     pub light_vertices: wgpu::Buffer,
     /// The camera that the G-buffer was made for.
     pub(super) gbuffer_camera: Option<[[f32; 4]; 4]>,
@@ -86,8 +87,8 @@ impl Frame {
         }
         uniform.splat_scale = iteration.lights.splat_scale(scene.sphere().1);
         self.trace_caustics(iteration, &uniform);
-        for class in 0..self.plan.grid.subpaths() {
-            self.trace_class(iteration, class, &uniform);
+        for (group, classes) in self.plan.grid.groups().into_iter().enumerate() {
+            self.trace_classes(iteration, group, classes, &uniform);
         }
         if self.plan.grid.scale > 1 {
             self.trace_clear_light(iteration, &uniform);
@@ -105,8 +106,34 @@ impl Frame {
         recording.submit();
     }
 
-    /// Traces one light subpath and the eye subpaths of the pixels that share it.
-    fn trace_class(&mut self, iteration: &Iteration, class: u32, uniform: &FrameUniform) {
+    /// Traces the light subpaths of a group of classes, one after the other, then the eye subpaths of the pixels that share
+    /// them.
+    fn trace_classes(&mut self, iteration: &Iteration, group: usize, classes: Range<u32>, uniform: &FrameUniform) {
+        let mut recording = Recording::new(iteration.gpu, iteration.scene, "iteration");
+        for class in classes {
+            // Classes take turns with the inputs of the passes that make a light subpath.
+            if self.slot(class) > 0 {
+                recording.flush();
+            }
+            self.trace_shared_subpaths(&mut recording, iteration, class, uniform);
+        }
+        for band in self.pixels.bands(group) {
+            self.trace_eye_subpaths(&mut recording, &band);
+            if iteration.batch_index.is_some() {
+                self.accumulate(&mut recording, &band);
+            }
+        }
+        recording.submit();
+    }
+
+    /// Traces what the pixels of a class share.
+    fn trace_shared_subpaths(
+        &mut self,
+        recording: &mut Recording,
+        iteration: &Iteration,
+        class: u32,
+        uniform: &FrameUniform,
+    ) {
         let sampler = Sampler::new(iteration.settings.seed, self.random_numbers_of(iteration.number, class));
         let uniform = FrameUniform {
             y1_random: sampler.get2(Decision::Y1),
@@ -115,28 +142,23 @@ impl Frame {
             number: self.number_of(iteration.number, class) as u32,
             ..*uniform
         };
-        let class = class as usize;
-        self.pixels.write_uniform(iteration.gpu, class, &uniform);
+        self.pixels.write_uniform(iteration.gpu, class as usize, &uniform);
         self.views.write_noise(iteration.gpu, uniform.noise);
-        let mut recording = Recording::new(iteration.gpu, iteration.scene, "iteration");
-
         // y0 and the other light points, y1 and y2, each with the map of everything that it sees (section
         // 4.1).
-        self.sample_light_points(&mut recording, iteration.lights, &sampler);
-        self.trace_light_subpath(&mut recording, class);
+        self.sample_light_points(recording, class, iteration.lights, &sampler);
+        self.trace_light_subpath(recording, class);
         // One ray-bundle per bounce (section 3.2), unless pixels draw directions of their own.
-        self.rasterize_bundles(&mut recording, &sampler);
-        // z1 of each pixel, then its path, band by band.
+        self.rasterize_bundles(recording, &sampler);
+        // What each pixel sees, where its path begins.
         if class == 0 {
-            self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
+            self.rasterize_gbuffer(recording, uniform.clip_from_world);
         }
-        for band in self.pixels.bands(class) {
-            self.trace_eye_subpaths(&mut recording, &band);
-            if iteration.batch_index.is_some() {
-                self.accumulate(&mut recording, &band);
-            }
-        }
-        recording.submit();
+    }
+
+    /// Returns the number of a class among those that are rendered together.
+    pub(super) fn slot(&self, class: u32) -> u64 {
+        u64::from(class % self.plan.grid.together)
     }
 
     /// Rasterizes every triangle into a parallel view for each bounce.
@@ -157,10 +179,10 @@ impl Frame {
     pub(super) fn rasterize_gbuffer(&mut self, recording: &mut Recording, camera: [[f32; 4]; 4]) {
         let Some(gbuffer) = &self.passes.gbuffer else { return };
         if self.gbuffer_camera.replace(camera) != Some(camera) {
-            let frame = self.pixels.first(0).frame;
-            gbuffer.record(recording, frame);
+            let first = self.pixels.first(0);
+            gbuffer.record(recording, first.frame());
             if let Some(borders) = &self.passes.borders {
-                borders.record(recording, frame, &gbuffer.depth);
+                borders.record(recording, first.frame(), &gbuffer.depth);
             }
         }
     }
@@ -199,10 +221,9 @@ impl Frame {
 
     /// Adds the light that needs no filter to every pixel of an image that is finer than its layers.
     fn trace_clear_light(&self, iteration: &Iteration, uniform: &FrameUniform) {
-        let class = self.plan.grid.subpaths() as usize;
-        self.pixels.write_uniform(iteration.gpu, class, uniform);
+        self.pixels.write_clear_uniform(iteration.gpu, uniform);
         let mut recording = Recording::new(iteration.gpu, iteration.scene, "clear light");
-        for band in self.pixels.bands(class) {
+        for band in self.pixels.bands(self.pixels.clear()) {
             self.begin_eye_subpaths(&mut recording, &band);
             for pass in self.passes.connections.iter().filter(|c| self.plan.is_apart(&c.connection)) {
                 self.connect(&mut recording, &band, pass);

@@ -41,13 +41,20 @@ impl Frame {
     /// Samples y0 and the other light points, and rasterizes the maps around them. The map and the reflective
     /// shadow map of a light without extent are kept while the light stays the same, see
     /// [`FramePlan::keeps_maps`].
-    pub(super) fn sample_light_points(&mut self, recording: &mut Recording, lights: &LightTable, sampler: &Sampler) {
+    pub(super) fn sample_light_points(
+        &mut self,
+        recording: &mut Recording,
+        class: u32,
+        lights: &LightTable,
+        sampler: &Sampler,
+    ) {
         self.light_points = light_points(lights, sampler, &self.plan);
         let (Some(pass), Some(y0)) = (&self.passes.light_point, self.light_points.first()) else { return };
         let y0_view = self.plan.light_view(y0.light);
         let y0_is_kept = *self.views.map_of(ViewRole::LightVertex(0)) == Some(y0.light);
-        if self.light_points.len() > 1 || !y0_is_kept {
-            pass.record(recording, &self.light_points, self.passes.guide());
+        let slot = self.slot(class);
+        if self.light_points.len() > 1 || !y0_is_kept || slot > 0 {
+            pass.record(recording, slot, &self.light_points, self.passes.guide());
         }
         // By rays only the light subpath needs a view, that of y0.
         let with_own_map = if self.plan.ray_views.lights { 1 } else { self.plan.direct_lights.max(1) as usize };
@@ -75,7 +82,7 @@ impl Frame {
     }
 
     /// Traces y1 and y2, and rasterizes the maps around them.
-    pub(super) fn trace_light_subpath(&self, recording: &mut Recording, class: usize) {
+    pub(super) fn trace_light_subpath(&self, recording: &mut Recording, class: u32) {
         let (Some(pass), Some(light_point), Some(y0)) =
             (&self.passes.light_subpath, &self.passes.light_point, self.light_points.first())
         else {
@@ -85,14 +92,14 @@ impl Frame {
         for vertex in 1..self.plan.light_vertices {
             let next = ViewRole::LightVertex(vertex);
             let inputs = LightSubpathInputs {
-                y0: &light_point.points,
+                y0: light_point.y0(self.slot(class)),
                 rsm: self.passes.rsm.as_ref().map(|rsm| &rsm.table),
                 guide: self.passes.guide(),
                 from: self.views.get(from),
                 light_vertices: &self.light_vertices,
                 next: self.views.get(next),
             };
-            pass.record(recording, &self.pixels.first(class), vertex, &inputs);
+            pass.record(recording, &self.pixels.first(class as usize), vertex, &inputs);
             self.views.rasterize(recording, next);
             from = next;
         }
@@ -123,7 +130,7 @@ impl Frame {
         self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
         let Some(guide) = &self.passes.sky_guide else { return Ok(()) };
         guide.clear(&mut recording);
-        for band in self.pixels.bands(0) {
+        for band in self.pixels.bands_of_first_class() {
             self.begin_eye_subpaths(&mut recording, &band);
             guide.record(&mut recording, &band);
         }
@@ -146,7 +153,7 @@ impl Frame {
         let mut recording = Recording::new(gpu, scene, "light importance");
         self.gbuffer_camera = None;
         self.rasterize_gbuffer(&mut recording, uniform.clip_from_world);
-        for band in self.pixels.bands(0) {
+        for band in self.pixels.bands_of_first_class() {
             self.begin_eye_subpaths(&mut recording, &band);
             pass.record(&mut recording, &band, strategy.of(0));
         }

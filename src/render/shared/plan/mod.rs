@@ -16,6 +16,7 @@ pub mod views;
 use crate::gpu::{Capabilities, Flag};
 use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::Grid;
+use crate::render::layouts::classes::MOST_TOGETHER;
 use crate::render::planned_pass::PlannedPass;
 use crate::render::scene_flags::{chosen, light_flags, surface_flags};
 use crate::render::shared::plan::cost::Cost;
@@ -310,6 +311,7 @@ impl FramePlan {
     /// Chooses the squares of interleaved sampling, the bands, and everything that depends on these.
     fn divide_image(&mut self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) {
         (self.grid.side, self.interleave) = self.choose_side(stats, settings);
+        self.grid.together = if self.joins_classes(stats) { self.grid.subpaths().min(MOST_TOGETHER) } else { 1 };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
         self.filtered = self.grid.side > 1 && !settings.unfiltered;
@@ -328,6 +330,13 @@ impl FramePlan {
         };
         let fitting = (capabilities.max_storage_bytes / self.eye_vertex_bytes()).max(1);
         self.grid.band_pixels = settings.band_pixels.unwrap_or(usual.min(u32::try_from(fitting).unwrap_or(u32::MAX)));
+    }
+
+    /// True if classes of pixels are rendered together: none has views of its own, nor a reflective shadow map that is not
+    /// that of all.
+    fn joins_classes(&self, stats: &SceneStats) -> bool {
+        let of_rays = self.ray_views == RayViews::ALL && self.own_directions;
+        of_rays && !self.has_candidates() && (!self.rsm || stats.lights == 1)
     }
 
     /// True if another plan has the same pipelines and buffers, for perhaps another number of triangles.

@@ -42,7 +42,7 @@ impl FramePlan {
 
     fn counts(&self, stats: &SceneStats) -> Counts {
         let subpaths = self.grid.subpaths();
-        let [bands, clear_bands] = self.grid.regions();
+        let [bands, clear_bands] = self.grid.count_bands();
         // Candidates share a view that is filled again for each band, unless each has one of its own.
         let candidates = if self.reuses() { 1 } else { bands } * (self.light_candidates - 1);
         let candidates = if self.has_candidates() { candidates } else { 0 };

@@ -35,9 +35,9 @@ impl Borders {
     }
 
     /// Records the pass with the camera of a frame's uniform. `depth` is overwritten.
-    pub fn record(&self, recording: &mut Recording, frame: &wgpu::Buffer, depth: &wgpu::TextureView) {
+    pub fn record(&self, recording: &mut Recording, frame: wgpu::BindingResource, depth: &wgpu::TextureView) {
         let targets = RasterTargets { color: &self.triangles, depth };
-        let bindings = recording.scene.with(&[("frame", frame.as_entire_binding())]);
+        let bindings = recording.scene.with(&[("frame", frame)]);
         // Two triangles for each of the three sides.
         let vertices = 18 * recording.scene.triangles;
         let draw = |pass: &mut wgpu::RenderPass| pass.draw(0..vertices, 0..1);

@@ -29,6 +29,6 @@ impl EyeVertices {
         let named = ["gbuffer", "borders"].into_iter().zip(rasterized);
         let rasterized: Vec<_> = named.map(|(name, view)| (name, wgpu::BindingResource::TextureView(view))).collect();
         let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
-        recording.run(&self.0, band.size, &[&rasterized, &band.bindings(), &guides]);
+        recording.run_layers(&self.0, band.size, band.classes, &[&rasterized, &band.bindings(), &guides]);
     }
 }

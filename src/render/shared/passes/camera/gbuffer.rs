@@ -40,9 +40,9 @@ impl GBuffer {
     }
 
     /// Records the pass with the camera of a frame's uniform.
-    pub fn record(&self, recording: &mut Recording, frame: &wgpu::Buffer) {
+    pub fn record(&self, recording: &mut Recording, frame: wgpu::BindingResource) {
         let targets = RasterTargets { color: &self.triangles, depth: &self.depth };
-        let bindings = recording.scene.with(&[("frame", frame.as_entire_binding())]);
+        let bindings = recording.scene.with(&[("frame", frame)]);
         let vertices = 3 * recording.scene.triangles;
         let draw = |pass: &mut wgpu::RenderPass| pass.draw(0..vertices, 0..1);
         self.raster.record(recording.gpu, &mut recording.encoder, &targets, self.size, &bindings, draw);

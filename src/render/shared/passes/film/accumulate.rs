@@ -36,6 +36,7 @@ impl Accumulate {
         let buffers = [("requests", inputs.requests.as_entire_binding()), ("log", inputs.log.as_entire_binding())];
         let film: Vec<_> = band.film.iter().map(|film| ("film", film.as_entire_binding())).collect();
         let splats: Vec<_> = inputs.splats.iter().map(|splats| ("splats", splats.as_entire_binding())).collect();
-        recording.run(&self.0, band.size, &[&band.bindings(), &buffers, &film, &splats, inputs.layers]);
+        let inputs = [&band.bindings(), &buffers[..], &film, &splats, inputs.layers];
+        recording.run_layers(&self.0, band.size, band.classes, &inputs);
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::layouts;
+use crate::render::layouts::classes::MOST_TOGETHER;
 use crate::render::recording::Recording;
 use crate::render::visibility::view::ViewBuffers;
 
@@ -19,7 +20,7 @@ pub struct LightPoint {
     count: u32,
     starts: wgpu::Buffer,
     views: wgpu::Buffer,
-    /// The light points, the first is y0; room for `MOST_POINTS`.
+    /// The light points of each class, the first is y0; room for `MOST_POINTS` of each.
     pub points: wgpu::Buffer,
     /// A copy of one of the others, for passes that take it as a uniform.
     copy: Option<wgpu::Buffer>,
@@ -36,17 +37,23 @@ impl LightPoint {
             count,
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
             views: gpu.upload("light_views", &vec![view; count as usize]),
-            points: gpu.storage("light_points", u64::from(count.max(MOST_POINTS)) * POINT_BYTES),
+            points: gpu.storage("light_points", u64::from(count.max(MOST_POINTS * MOST_TOGETHER)) * POINT_BYTES),
             copy: one_by_one.then(|| gpu.storage("light_point", POINT_BYTES)),
         }
     }
 
-    /// Records the pass.
-    pub fn record(&self, recording: &mut Recording, starts: &[layouts::LightStart], guide: Option<&wgpu::TextureView>) {
+    /// Records the pass for a class, which is the n-th, `slot`, of those that are rendered together.
+    pub fn record(
+        &self,
+        recording: &mut Recording,
+        slot: u64,
+        starts: &[layouts::LightStart],
+        guide: Option<&wgpu::TextureView>,
+    ) {
         recording.gpu.queue.write_buffer(&self.starts, 0, bytemuck::cast_slice(starts));
         let buffers = [
             ("light_starts", self.starts.as_entire_binding()),
-            ("light_points", self.points.as_entire_binding()),
+            ("light_points", self.from(slot, self.count)),
             ("light_views", self.views.as_entire_binding()),
         ];
         let guide: Vec<_> =
@@ -54,10 +61,20 @@ impl LightPoint {
         recording.run(&self.compute, [self.count, 1], &[&buffers, &guide]);
     }
 
-    /// Returns the light points without the room behind them, for passes that ask for their number.
+    /// Returns the light points of the first class without the room behind them, for passes that ask for their number.
     pub fn all(&self) -> wgpu::BindingResource<'_> {
-        let size = wgpu::BufferSize::new(u64::from(self.count) * POINT_BYTES);
-        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.points, offset: 0, size })
+        self.from(0, self.count)
+    }
+
+    /// Returns y0 of a class.
+    pub fn y0(&self, slot: u64) -> wgpu::BindingResource<'_> {
+        self.from(slot, 1)
+    }
+
+    fn from(&self, slot: u64, count: u32) -> wgpu::BindingResource<'_> {
+        let [offset, size] = [slot * u64::from(MOST_POINTS), u64::from(count)].map(|points| points * POINT_BYTES);
+        let size = wgpu::BufferSize::new(size);
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.points, offset, size })
     }
 
     /// Returns the n-th light point as a uniform, valid until the next call.

@@ -17,14 +17,14 @@ pub struct LightSubpath {
 /// The inputs and outputs of a VPL.
 pub struct LightSubpathInputs<'a> {
     /// The light point y0.
-    pub y0: &'a wgpu::Buffer,
+    pub y0: wgpu::BindingResource<'a>,
     /// The reflective shadow map of y0, if its light has one.
     pub rsm: Option<&'a wgpu::Buffer>,
     /// Places where light of the sky comes in.
     pub guide: Option<&'a wgpu::TextureView>,
     /// The map around the vertex before.
     pub from: &'a ViewBuffers,
-    /// The VPLs y1 and y2.
+    /// The VPLs y1 and y2 of each class.
     pub light_vertices: &'a wgpu::Buffer,
     /// The view around the new vertex.
     pub next: &'a ViewBuffers,
@@ -40,10 +40,10 @@ impl LightSubpath {
         }
     }
 
-    /// Records the pass for y1 (`vertex` 1, from y0) or y2 (from y1). `band` holds the frame's uniform.
+    /// Records the pass for y1 (`vertex` 1, from y0) or y2 (from y1). `band` holds the uniform of the class.
     pub fn record(&self, recording: &mut Recording, band: &Band, vertex: u32, inputs: &LightSubpathInputs) {
         let buffers = [
-            ("y0", inputs.y0.as_entire_binding()),
+            ("y0", inputs.y0.clone()),
             ("light_vertices", inputs.light_vertices.as_entire_binding()),
             ("next_view", inputs.next.view.as_entire_binding()),
         ];

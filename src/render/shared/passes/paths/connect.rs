@@ -19,9 +19,9 @@ pub struct ConnectInputs<'a> {
     pub strategy: wgpu::BindingResource<'a>,
     /// The map around the light vertex, unless rays connect light points.
     pub view: Option<&'a ViewBuffers>,
-    /// The light point; by rays all of them.
+    /// The light point; by rays all of them, of all classes.
     pub y0: wgpu::BindingResource<'a>,
-    /// The VPLs y1 and y2.
+    /// The VPLs y1 and y2 of each class.
     pub light_vertices: &'a wgpu::Buffer,
     /// The reflective shadow map of y0, if its light has one.
     pub rsm: Option<&'a wgpu::Buffer>,
@@ -59,6 +59,6 @@ impl Connect {
         let rsm: Vec<_> = inputs.rsm.iter().map(|table| ("rsm", table.as_entire_binding())).collect();
         let guide: Vec<_> =
             inputs.guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
-        recording.run(&self.0, band.size, &[view, &band.bindings(), &buffers, &rsm, &guide]);
+        recording.run_layers(&self.0, band.size, band.classes, &[view, &band.bindings(), &buffers, &rsm, &guide]);
     }
 }

@@ -23,8 +23,7 @@ impl Extend {
     pub fn new(gpu: &Gpu, flags: &[Flag], last: bool) -> Self {
         let mut flags = flags.to_vec();
         flags.extend(last.then_some(Flag::Last));
-        let swizzled = gpu.capabilities.software;
-        flags.extend(swizzled.then_some(Flag::Swizzled));
+        let swizzled = flags.contains(&Flag::Swizzled);
         Self { pass: Compute::new(gpu, "shared/paths/extend", &flags), rows: 8 * if swizzled { SWIZZLE } else { 1 } }
     }
 
@@ -46,6 +45,11 @@ impl Extend {
             sky_guide.map(|guide| ("sky_guide", wgpu::BindingResource::TextureView(guide))).into_iter().collect();
         let [columns, rows] = band.size;
         let threads = [columns, rows.next_multiple_of(self.rows)];
-        recording.run(&self.pass, threads, &[&bundle, &band.bindings(), &strategy, &guides, &sky_guide]);
+        recording.run_layers(
+            &self.pass,
+            threads,
+            band.classes,
+            &[&bundle, &band.bindings(), &strategy, &guides, &sky_guide],
+        );
     }
 }
