@@ -124,6 +124,7 @@ fn without_light_only_the_camera_looks() {
         ("caustics", 0),
         ("gbuffer", 1),
         ("borders", 1),
+        ("seen_light", 0),
         ("eye_vertices", 1),
         ("list_lengths", 0),
         ("connect", 0),

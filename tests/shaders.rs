@@ -112,6 +112,9 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
         && !(has(Flag::Adaptive) && has(Flag::Layered))
         // Rays find what the camera sees exactly.
         && !(has(Flag::Borders) && has(Flag::Rays))
+        // Rays look through several places of a pixel, for light that is a layer.
+        && (!has(Flag::LightBorders)
+            || (has(Flag::Rays) && has(Flag::Layered) && (has(Flag::Emission) || has(Flag::Environment))))
         // The last extension only finds light.
         && (!has(Flag::Last) || has(Flag::Emission) || has(Flag::Environment))
 }
@@ -316,7 +319,17 @@ fn queries_rays(pass: &str, set: &[Flag]) -> bool {
 
 /// True if a pass traces rays.
 fn traces_rays(pass: &str, set: &[Flag]) -> bool {
-    ["ray_queries", "mis_sums", EYE_PATHS, LIGHT_PATHS, RESERVOIRS, CAUSTICS, "shared/light/sky_guide"].contains(&pass)
+    [
+        "ray_queries",
+        "mis_sums",
+        EYE_PATHS,
+        LIGHT_PATHS,
+        RESERVOIRS,
+        CAUSTICS,
+        "shared/light/sky_guide",
+        "shared/camera/seen_light",
+    ]
+    .contains(&pass)
         || set.contains(&Flag::Rays)
 }
 

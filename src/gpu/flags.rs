@@ -97,6 +97,8 @@ flags! {
 
     /// A reflective shadow map proposes directions from y0.
     Rsm = "RSM",
+    /// Pixels at the borders of lights that the camera sees have several places.
+    LightBorders = "LIGHT_BORDERS",
     /// Light subpaths from the sky follow what the view has found.
     SkyGuide = "SKY_GUIDE",
     /// The light vertex is y0.

@@ -15,7 +15,7 @@ use lightsheaf::scene::model::shapes;
 use lightsheaf::scene::{
     Bsdf, Coat, Color, Filter, Fresnel, Image, Light, Material, Scene, Texture, TextureRef, Wrap, builtin,
 };
-use lightsheaf::settings::Settings;
+use lightsheaf::settings::{Settings, VisibilityFrom};
 
 fn settings(interleave: u32, history: u32, samples: u32) -> Settings {
     Settings { width: 64, height: 64, interleave: Some(interleave), history, samples, seed: 5, ..Settings::plain() }
@@ -86,6 +86,26 @@ fn interleaved_classes_are_right_in_the_mean() {
     let film = raster(gpu, &scene, &Settings { unfiltered: true, ..settings(4, 0, 128) }).0;
     let seen = against(&film, &truth);
     assert!(seen.mean_bias.abs() < 0.005 && seen.rel_mse < 0.01, "{seen:?}");
+}
+
+/// Lights that the camera sees have smooth borders after a few frames, and are as bright as after many.
+#[test]
+fn lights_have_smooth_borders() {
+    let Some(gpu) = gpu() else { return };
+    let mut scene = Scene { cameras: vec![pinhole(Vec3::ZERO, Vec3::NEG_Z, 1.3)], ..Scene::default() };
+    let lamp = shapes::quad(Vec3::new(-0.3, -0.4, -1.0), Vec3::new(0.8, 0.2, 0.0), Vec3::new(-0.2, 0.8, 0.0));
+    add(&mut scene, lamp, emitter(0.0, Vec3::splat(5.0), true));
+    let film = |interleave, samples| {
+        let settings =
+            Settings { bounces: 0, visibility_from: VisibilityFrom::Grid, ..settings(interleave, 0, samples) };
+        raster(gpu, &scene, &settings).0
+    };
+    let truth = film(1, 2048);
+    let of = |interleave, samples| against(&film(interleave, samples), &truth);
+    let [plain, smooth] = [of(1, 3), of(3, 3)];
+    assert!(plain.mse > 1e-3 && smooth.mse < plain.mse / 4.0, "{plain:?} {smooth:?}");
+    let many = of(3, 128);
+    assert!(many.mse < smooth.mse / 100.0 && many.mean_bias.abs() < 1e-3, "{many:?} {smooth:?}");
 }
 
 /// With the same number of frames, filtering reduces the error. A coarser resolution of indirect light costs

@@ -10,6 +10,7 @@ use crate::render::shared::frame::Frame;
 use crate::render::shared::passes::camera::borders::Borders;
 use crate::render::shared::passes::camera::eye_vertices::EyeVertices;
 use crate::render::shared::passes::camera::gbuffer::GBuffer;
+use crate::render::shared::passes::camera::seen_light::SeenLight;
 use crate::render::shared::passes::film::accumulate::Accumulate;
 use crate::render::shared::passes::light::caustics::Caustics;
 use crate::render::shared::passes::light::light_candidates::LightCandidates;
@@ -56,6 +57,8 @@ pub struct Passes {
     pub gbuffer: Option<GBuffer>,
     /// Triangles whose sides pass near a pixel's ray.
     pub borders: Option<Borders>,
+    /// Where the camera sees borders of lights.
+    pub seen_light: Option<SeenLight>,
     /// z1.
     pub eye_vertices: EyeVertices,
     /// Connections in the plan's order.
@@ -160,13 +163,14 @@ impl Frame {
     /// Returns the bytes of all buffers and targets of the frame.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        let Passes { caustics, gbuffer, borders, light_candidates, light_reservoirs, .. } = &self.passes;
+        let Passes { caustics, gbuffer, borders, seen_light, light_candidates, light_reservoirs, .. } = &self.passes;
         self.pixels.bytes()
             + self.denoiser.as_ref().map_or(0, Denoiser::bytes)
             + if self.passes.sky_guide.is_some() { SkyGuide::BYTES } else { 0 }
             + caustics.as_ref().map_or(0, |caustics| caustics.splats.size())
             + gbuffer.as_ref().map_or(0, GBuffer::bytes)
             + borders.as_ref().map_or(0, Borders::bytes)
+            + seen_light.as_ref().map_or(0, |pass| pass.seen.size())
             + self.views.bytes()
             + light_candidates.as_ref().map_or(0, LightCandidates::bytes)
             + light_reservoirs.as_ref().map_or(0, LightReservoirs::bytes)
@@ -190,6 +194,7 @@ impl Passes {
         let clamp_distance = settings.paper_clamp * 2.0 * scene.sphere().1;
         let emitters: &[Flag] = if plan.camera_hits_emitters { &plan.light_flags } else { &[] };
         let borders: &[Flag] = if plan.draws_borders { &[Flag::Borders] } else { &[] };
+        let light_borders: &[Flag] = if plan.light_borders { &[Flag::LightBorders] } else { &[] };
         let pixels = u64::from(width) * u64::from(height);
         let caustics = plan.tracing.filter(|_| plan.traces_caustics).map(|tracing| {
             let flags = with(&[&plan.light_flags, &ray_flags(tracing), plan.adaptive_flags()]);
@@ -220,7 +225,11 @@ impl Passes {
             caustics,
             gbuffer: (!plan.traces_camera).then(|| GBuffer::new(gpu, &plan.surface_flags, width, height)),
             borders: plan.draws_borders.then(|| Borders::new(gpu, plan.grid.size)),
-            eye_vertices: EyeVertices::new(gpu, &with(&[emitters, plan.adaptive_flags(), &of_camera, borders])),
+            seen_light: plan.light_borders.then(|| SeenLight::new(gpu, &with(&[emitters, &of_camera]), plan.grid.size)),
+            eye_vertices: EyeVertices::new(
+                gpu,
+                &with(&[emitters, plan.adaptive_flags(), &of_camera, borders, light_borders]),
+            ),
             connections: plan.connections.iter().map(|c| connection(gpu, plan, &flags, c, clamp_distance)).collect(),
             light_candidates,
             light_reservoirs,

@@ -211,7 +211,8 @@ impl Frame {
         let borders = self.passes.borders.as_ref().map(|borders| &borders.triangles);
         let gbuffer = self.passes.gbuffer.as_ref().map(|gbuffer| &gbuffer.triangles);
         let rasterized: Vec<_> = gbuffer.into_iter().chain(borders).collect();
-        self.passes.eye_vertices.record(recording, band, &rasterized, self.guides(band));
+        let seen = self.passes.seen_light.as_ref().map(|pass| &pass.seen);
+        self.passes.eye_vertices.record(recording, band, &rasterized, self.guides(band), seen);
     }
 
     /// Returns the guides of a band, if frames are denoised.

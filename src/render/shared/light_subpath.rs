@@ -113,6 +113,20 @@ impl Frame {
         self.views.rasterize_candidate(recording, role, n);
     }
 
+    /// Finds the borders of lights that the camera sees, if planned.
+    pub fn find_light_borders(&self, iteration: &Iteration) {
+        let Some(pass) = &self.passes.seen_light else { return };
+        let &Iteration { gpu, scene, camera, settings, .. } = iteration;
+        self.pixels.write_uniform(
+            gpu,
+            0,
+            &frame_uniform(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0),
+        );
+        let mut recording = Recording::new(gpu, scene, "seen light");
+        pass.record(&mut recording, &self.pixels.first(0));
+        recording.submit();
+    }
+
     /// Finds the places where light of the sky comes in, for light subpaths to follow, if planned.
     ///
     /// # Errors

@@ -214,6 +214,7 @@ impl<'gpu> SharedRenderer<'gpu> {
         self.choose_lights_for_view().await?;
         let Self { frame, gpu, scene, camera, lights, settings, .. } = self;
         let iteration = Iteration { gpu, scene, camera, lights, settings, number: 0, batch_index: None };
+        frame.find_light_borders(&iteration);
         frame.guide_sky(&iteration).await?;
         frame.pixels.converged.iter().for_each(|converged| converged.upload(gpu));
         Ok(())

@@ -5,6 +5,7 @@ use crate::gpu::Capabilities;
 use crate::render::adaptive_sampling;
 use crate::render::layouts;
 use crate::render::shared::passes::camera::borders::Borders;
+use crate::render::shared::passes::camera::seen_light::SeenLight;
 use crate::render::shared::passes::light::caustics::Caustics;
 use crate::render::shared::passes::light::sky_guide::SkyGuide;
 use crate::render::shared::plan::FramePlan;
@@ -77,8 +78,10 @@ impl FramePlan {
         // The G-buffer takes 8 bytes a pixel, with its depth.
         let gbuffer =
             if self.traces_camera { 0 } else { 8 } + if self.draws_borders { Borders::BYTES_PER_PIXEL } else { 0 };
+        let seen = if self.light_borders { SeenLight::BYTES } else { 0 };
         let splats = if self.traces_caustics { Caustics::BYTES } else { 0 };
-        let image = film + converged + pixels * (gbuffer + reservoirs + splats) + self.grid.largest() * per_band_pixel;
+        let image =
+            film + converged + pixels * (gbuffer + reservoirs + splats + seen) + self.grid.largest() * per_band_pixel;
         let view = |PlannedView { role, texels }: PlannedView| {
             let nodes = self.node_capacity(triangles, texels, limit);
             self.projected_triangles(role, triangles) * PROJECTED_TRIANGLE_BYTES

@@ -140,6 +140,8 @@ pub struct FramePlan {
     pub vpl_resolution: u32,
     /// True if emitters that the camera sees count: strategy (0, 2).
     pub camera_hits_emitters: bool,
+    /// True if pixels at the borders of these have several places.
+    pub light_borders: bool,
     /// True if two iterations share a G-buffer, since rasterizing the triangles costs more than more pixel
     /// positions gain at edges (docs/journal.md, "Cost of an iteration").
     pub shares_gbuffer: bool,
@@ -250,6 +252,7 @@ impl FramePlan {
             extensions,
             list_lengths: settings.list_lengths,
             camera_hits_emitters: strategies.hits_emitter(0),
+            light_borders: false,
             shares_gbuffer: false,
             draws_borders: false,
             bundle_resolution: sizes.bundle,
@@ -314,6 +317,8 @@ impl FramePlan {
         self.grid.together = if self.joins_classes(stats) { self.grid.subpaths().min(MOST_TOGETHER) } else { 1 };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
+        self.light_borders =
+            self.camera_hits_emitters && self.traces_camera && self.grid.layered && self.grid.scale == 1;
         self.filtered = self.grid.side > 1 && !settings.unfiltered;
         self.measures_bias = settings.target_error.is_some() && self.denoise().keeps_residual();
         self.skips_tiles = settings.skips_tiles() && !self.is_layered();

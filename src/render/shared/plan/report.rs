@@ -166,6 +166,7 @@ impl FramePlan {
                 row("gbuffer", 1, format!("z1 of every pixel{shared}"))
             },
             row("borders", u32::from(self.draws_borders), why_borders),
+            row("seen_light", u32::from(self.light_borders), self.why_seen_light()),
             row("eye_vertices", bands + clear_bands, "exact positions, and emission that the camera sees"),
             row("list_lengths", if self.list_lengths { bands } else { 0 }, lengths),
             row("connect", connections, connect),
@@ -174,6 +175,15 @@ impl FramePlan {
             row("extend", bands * self.extensions.len() as u32, self.why_extend(settings)),
             row("accumulate", bands + clear_bands, to),
         ]
+    }
+
+    fn why_seen_light(&self) -> &'static str {
+        match () {
+            () if self.light_borders => "once, before the first iteration: borders of lights that the camera sees",
+            () if !self.camera_hits_emitters => "the camera sees no light",
+            () if !self.traces_camera => "the G-buffer holds what the camera sees",
+            () => "only with layers of the size of the image",
+        }
     }
 
     fn candidates_row(&self, bands: u32) -> PlannedPass {

@@ -18,17 +18,19 @@ impl EyeVertices {
     }
 
     /// Records the pass. `rasterized` are the targets of gbuffer and, if it runs, borders. `guides` are those of a frame that is
-    /// denoised.
+    /// denoised, `seen_light` is what pass seen_light found.
     pub fn record(
         &self,
         recording: &mut Recording,
         band: &Band,
         rasterized: &[&wgpu::TextureView],
         guides: Option<&wgpu::Buffer>,
+        seen_light: Option<&wgpu::Buffer>,
     ) {
         let named = ["gbuffer", "borders"].into_iter().zip(rasterized);
         let rasterized: Vec<_> = named.map(|(name, view)| (name, wgpu::BindingResource::TextureView(view))).collect();
         let guides: Vec<_> = guides.iter().map(|guides| ("guides", guides.as_entire_binding())).collect();
-        recording.run_layers(&self.0, band.size, band.classes, &[&rasterized, &band.bindings(), &guides]);
+        let seen: Vec<_> = seen_light.iter().map(|seen| ("seen_light", seen.as_entire_binding())).collect();
+        recording.run_layers(&self.0, band.size, band.classes, &[&rasterized, &band.bindings(), &guides, &seen]);
     }
 }

@@ -3,3 +3,4 @@
 pub mod borders;
 pub mod eye_vertices;
 pub mod gbuffer;
+pub mod seen_light;
