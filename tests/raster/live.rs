@@ -83,9 +83,11 @@ fn interleaved_classes_are_right_in_the_mean() {
     let scene = room([5.0, 3.0], BOXED);
     // A mean to 0.5 % takes more samples than the errors of a few frames do.
     let truth = raster(gpu, &scene, &settings(1, 0, 512)).0;
-    let film = raster(gpu, &scene, &Settings { unfiltered: true, ..settings(4, 0, 128) }).0;
-    let seen = against(&film, &truth);
-    assert!(seen.mean_bias.abs() < 0.005 && seen.rel_mse < 0.01, "{seen:?}");
+    for visibility_from in [VisibilityFrom::Lists, VisibilityFrom::Grid] {
+        let film = raster(gpu, &scene, &Settings { unfiltered: true, visibility_from, ..settings(4, 0, 128) }).0;
+        let seen = against(&film, &truth);
+        assert!(seen.mean_bias.abs() < 0.005 && seen.rel_mse < 0.01, "{visibility_from:?}: {seen:?}");
+    }
 }
 
 /// Lights that the camera sees have smooth borders after a few frames, and are as bright as after many.

@@ -255,7 +255,7 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
     };
     let from_y0: &[&[Flag]] = if c.s == 1 { &[flags.rsm, &flags.guided_sky, &flags.emission] } else { &[] };
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
-    let roulette: &[Flag] = if plan.grid.side > 1 { &[Flag::Roulette] } else { &[] };
+    let roulette: &[Flag] = if plan.grid.side > 1 && of_view.contains(&Flag::Rays) { &[Flag::Roulette] } else { &[] };
     let shader = flags.with(&[&[of_view.as_slice(), roulette], from_y0].concat());
     let from_candidates = plan.has_candidates() && c.is_direct();
     ConnectionPass {

@@ -318,7 +318,7 @@ impl FramePlan {
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
         self.light_borders =
-            self.camera_hits_emitters && self.traces_camera && self.grid.layered && self.grid.scale == 1;
+            self.camera_hits_emitters && self.traces_camera && self.grid.side > 1 && self.grid.scale == 1;
         self.filtered = self.grid.side > 1 && !settings.unfiltered;
         self.measures_bias = settings.target_error.is_some() && self.denoise().keeps_residual();
         self.skips_tiles = settings.skips_tiles() && !self.is_layered();

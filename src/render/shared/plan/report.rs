@@ -182,7 +182,7 @@ impl FramePlan {
             () if self.light_borders => "once, before the first iteration: borders of lights that the camera sees",
             () if !self.camera_hits_emitters => "the camera sees no light",
             () if !self.traces_camera => "the G-buffer holds what the camera sees",
-            () => "only with layers of the size of the image",
+            () => "only where pictures are interleaved, with layers of the size of the image",
         }
     }
 

@@ -1,7 +1,7 @@
 //! seen_light: how bright the light is that the camera sees emit, at the middle of each pixel.
 //!
 //! Reads: the scene. Writes: a number per pixel of the image, by which eye_vertices finds the borders of lights. Skipped when: the camera
-//! sees no light, frames have no layers, or the G-buffer holds what it sees. Runs once a view.
+//! sees no light, pictures are not interleaved, or the G-buffer holds what it sees. Runs once a view.
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::recording::Recording;
