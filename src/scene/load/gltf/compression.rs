@@ -108,10 +108,11 @@ struct ImageSource {
 impl Compression {
     /// Lets textures refer to their images in KTX2 or WebP, if they have them.
     pub fn select_images(&self, root: &mut json::Root) {
+        let count = root.images.len();
         for (texture, parsed) in root.textures.iter_mut().zip(&self.textures) {
             let images = parsed.extensions.as_ref().map(|e| [&e.ktx2, &e.webp]);
             let mut sources = images.into_iter().flatten().filter_map(|image| image.as_ref()?.source);
-            texture.source = sources.next().unwrap_or(texture.source);
+            texture.source = sources.find(|source| source.value() < count).unwrap_or(texture.source);
         }
     }
 

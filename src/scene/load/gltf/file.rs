@@ -71,6 +71,7 @@ impl<'a> File<'a> {
         let animations = serde_json::from_slice(text).map_err(invalid)?;
         let compression: Compression = serde_json::from_slice(text).map_err(invalid)?;
         compression.select_images(&mut root);
+        drop_dangling_images(&mut root);
         share_images(&mut root);
         let version = root.asset.version.as_str();
         if version.split('.').next() != Some("2") {
@@ -270,6 +271,13 @@ fn parse(text: &[u8]) -> Result<json::Root, serde_json::Error> {
 fn is_of_version_one(text: &[u8]) -> bool {
     let root: serde_json::Value = serde_json::from_slice(text).unwrap_or_default();
     root["meshes"].is_object() || root["asset"]["version"].as_str().is_some_and(|version| version.starts_with('1'))
+}
+
+/// Leaves textures without an image that refer to one that does not exist, as they are whose file is not there.
+fn drop_dangling_images(root: &mut json::Root) {
+    let images = root.images.len();
+    let dangling = root.textures.iter_mut().filter(|texture| texture.source.value() >= images);
+    dangling.for_each(|texture| texture.source = Index::new(super::NO_IMAGE));
 }
 
 /// Lets textures whose images have the same data refer to the first of these, so that it is decoded once.

@@ -11,6 +11,7 @@ use ::gltf::json::{self, Index};
 use glam::{Affine2, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
+use super::NO_IMAGE;
 use super::extensions::{self, NormalTexture};
 use super::file::File;
 use crate::scene::{
@@ -370,8 +371,8 @@ impl Materials {
         let texture = file.get(index, place, "textures")?;
         let referrer = place;
         let place = format!("textures[{}]", index.value());
-        // The parser represents a missing source by u32::MAX, as for images in AVIF alone.
-        if texture.source.value() == u32::MAX as usize {
+        // As for images in AVIF alone.
+        if texture.source.value() == NO_IMAGE as usize {
             scene.warn(format!("{place} has no image in a supported format (PNG, JPEG, WebP, KTX2): it is left out"));
             return Ok(None);
         }

@@ -38,6 +38,9 @@ use crate::scene::model::tangents;
 use crate::scene::model::transform::rigid;
 use crate::scene::{Camera, FovAxis, Instance, LoadError, Material, Mesh, Projection, Scene};
 
+/// Index that the parser has for a texture without an image.
+const NO_IMAGE: u32 = u32::MAX;
+
 /// Supported extensions.
 pub const SUPPORTED: [&str; 25] = [
     "EXT_lights_ies",

@@ -5,8 +5,8 @@ use ::gltf::json::{self, Index};
 use glam::{Vec2, Vec3};
 use serde::Deserialize;
 
-use super::Loader;
 use super::material::{read_image, wrap_modes};
+use super::{Loader, NO_IMAGE};
 use crate::scene::model::tessellation::PHONG;
 use crate::scene::{Displacement, EdgeFactor, Height, HeightMap, LoadError, Mesh, Tessellation, Wave};
 
@@ -142,7 +142,7 @@ impl Loader<'_> {
         }
         let texture = self.file.get(index, place, "textures")?;
         let place = format!("textures[{}]", index.value());
-        if texture.source.value() == u32::MAX as usize {
+        if texture.source.value() == NO_IMAGE as usize {
             return Err(self.file.error(
                 place,
                 "has no image in a supported format (PNG, JPEG, WebP, KTX2), which a displacement needs",
