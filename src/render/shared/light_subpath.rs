@@ -116,13 +116,8 @@ impl Frame {
     /// Finds the borders of lights that the camera sees, if planned.
     pub fn find_light_borders(&self, iteration: &Iteration) {
         let Some(pass) = &self.passes.seen_light else { return };
-        let &Iteration { gpu, scene, camera, settings, .. } = iteration;
-        self.pixels.write_uniform(
-            gpu,
-            0,
-            &frame_uniform(scene, camera, settings, &Sampler::new(settings.seed, 0), 0, 0),
-        );
-        let mut recording = Recording::new(gpu, scene, "seen light");
+        self.pixels.write_uniform(iteration.gpu, 0, &uniform_of_view(iteration));
+        let mut recording = Recording::new(iteration.gpu, iteration.scene, "seen light");
         pass.record(&mut recording, &self.pixels.first(0));
         recording.submit();
     }
@@ -135,9 +130,8 @@ impl Frame {
         if !self.plan.guides_sky {
             return Ok(());
         }
-        let &Iteration { gpu, scene, camera, settings, .. } = iteration;
-        // All seeds, and so all parts of a picture, follow the same guide.
-        let uniform = FrameUniform { seed: 0, ..frame_uniform(scene, camera, settings, &Sampler::new(0, 0), 0, 0) };
+        let &Iteration { gpu, scene, .. } = iteration;
+        let uniform = uniform_of_view(iteration);
         self.pixels.write_uniform(gpu, 0, &uniform);
         let mut recording = Recording::new(gpu, scene, "sky guide");
         self.gbuffer_camera = None;
@@ -174,6 +168,12 @@ impl Frame {
         recording.submit();
         pass.read(gpu).await
     }
+}
+
+/// Returns the uniform of passes that learn about a view. It is that of all seeds, so that all parts of a picture learn the same.
+fn uniform_of_view(iteration: &Iteration) -> FrameUniform {
+    let &Iteration { scene, camera, settings, .. } = iteration;
+    FrameUniform { seed: 0, ..frame_uniform(scene, camera, settings, &Sampler::new(0, 0), 0, 0) }
 }
 
 /// Returns the light points of an iteration; empty without lights. y0's light is chosen by its probability.

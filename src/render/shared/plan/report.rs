@@ -243,7 +243,8 @@ impl fmt::Display for FramePlan {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let or = |names: String, none: &str| if names.is_empty() { none.to_owned() } else { names };
         PlannedPass::write_rows(&self.passes, f)?;
-        writeln!(f, "{:<16} {:>4}  {}", "interleave", self.grid.side, self.interleave)?;
+        let together = if self.grid.together > 1 { "; classes are rendered together" } else { "" };
+        writeln!(f, "{:<16} {:>4}  {}{together}", "interleave", self.grid.side, self.interleave)?;
         writeln!(f, "{:<21}  {}", "surface code", or(flag_names(&self.surface_flags), "diffuse only"))?;
         writeln!(f, "{:<21}  {}", "light code", or(flag_names(&self.light_flags), "none"))?;
         let visibility = if !self.rasterizes_views() {
