@@ -291,7 +291,7 @@ layouts! {
         specular_bounces: u32,
         offset: u32,
         slot: u32,
-        pad: u32,
+        first_light_point: u32,
     }
 
     /// A strategy's constants.
@@ -786,6 +786,11 @@ constants! {
     /// Classes of pixels that dispatches render together, at most.
     mod classes in "lib/scene/frame" {
         MOST_TOGETHER = 16,
+    }
+
+    /// Light points of these, at most.
+    mod light_points in "shared/paths/connect" {
+        MOST_LIGHT_POINTS = 256,
     }
 
     /// [`Paths::only_s`] if all strategies count.

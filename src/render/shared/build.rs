@@ -208,8 +208,9 @@ impl Passes {
         let (light_candidates, light_reservoirs) = candidate_passes(gpu, plan, &flags);
         Self {
             light_point: (plan.light_vertices > 0).then(|| {
-                let (count, one_by_one) = (plan.light_points(), plan.direct_lights > 1 && !plan.ray_views.lights);
-                LightPoint::new(gpu, &with(&[&plan.light_flags, guide]), count, plan.light_resolution, one_by_one)
+                let one_by_one = plan.direct_lights > 1 && !plan.ray_views.lights;
+                let counts = [plan.light_points(), plan.light_point_room()];
+                LightPoint::new(gpu, &with(&[&plan.light_flags, guide]), counts, plan.light_resolution, one_by_one)
             }),
             rsm: plan.rsm.then(|| Rsm::new(gpu, &with(&[&of_light, emission]))),
             sky_guide: plan.tracing.filter(|_| plan.guides_sky).map(|tracing| {
@@ -242,6 +243,7 @@ impl Passes {
 
 /// Builds the pass of a connection.
 fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, clamp_distance: f32) -> ConnectionPass {
+    let from_candidates = plan.has_candidates() && c.is_direct();
     let constants = layouts::Strategy {
         sample_counts: plan.sample_counts(c.samples),
         s: c.s,
@@ -249,7 +251,7 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
         clear: u32::from(plan.is_clear(c)),
         clamp_distance,
         narrow_only: u32::from(c.narrow_only),
-        light_points: plan.points_connected(c),
+        light_points: if from_candidates { plan.light_candidates } else { plan.points_connected(c) },
         lights: plan.lights_connected(c),
         ..Default::default()
     };
@@ -257,7 +259,6 @@ fn connection(gpu: &Gpu, plan: &FramePlan, flags: &FlagSets, c: &Connection, cla
     let of_view = view_flags(plan, ViewRole::LightVertex(c.s - 1));
     let roulette: &[Flag] = if plan.grid.side > 1 && of_view.contains(&Flag::Rays) { &[Flag::Roulette] } else { &[] };
     let shader = flags.with(&[&[of_view.as_slice(), roulette], from_y0].concat());
-    let from_candidates = plan.has_candidates() && c.is_direct();
     ConnectionPass {
         connection: *c,
         strategies: StrategyUniforms::new(gpu, &constants, plan.lights_connected(c)),

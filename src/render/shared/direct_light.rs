@@ -59,7 +59,7 @@ impl Frame {
         }
     }
 
-    /// Adds direct light from candidates: each pixel selects one, then the maps test visibility one after the
+    /// Adds direct light from candidates: each pixel selects one, then rays test visibility, or the maps one after the
     /// other. With reuse the maps exist already, and each pixel's selection competes with the reservoirs of
     /// the last iteration.
     fn direct_light_from_candidates(
@@ -72,8 +72,13 @@ impl Frame {
     ) {
         let (roles, reuse) = (self.plan.candidate_views(), self.passes.light_reservoirs.as_ref());
         let reservoirs = reuse.map(|reuse| &reuse.reservoirs);
-        candidates.select(recording, band, strategies.of(0), light_point.all(), reservoirs);
-        for (n, &role) in roles.iter().enumerate().take(self.light_points.len()) {
+        let points = || light_point.points.as_entire_binding();
+        candidates.select(recording, band, strategies.of(0), points(), reservoirs);
+        if self.plan.ray_views.lights {
+            candidates.trace(recording, band, points(), reservoirs);
+        }
+        let with_map = if self.plan.ray_views.lights { 0 } else { self.light_points.len() };
+        for (n, &role) in roles.iter().enumerate().take(with_map) {
             if n > 0 && reuse.is_none() {
                 self.rasterize_candidate(recording, n);
             }

@@ -23,6 +23,8 @@ pub struct PixelBuffers {
     groups: Vec<Vec<BandBuffers>>,
     /// Classes of a group, at most.
     together: usize,
+    /// Light points for which each of them has room.
+    light_point_room: u32,
     eye_vertices: wgpu::Buffer,
     radiance: wgpu::Buffer,
     /// Densities of bundle directions; empty if they are uniform.
@@ -73,6 +75,7 @@ impl PixelBuffers {
         Self {
             groups: grid.bands().into_iter().map(|bands| bands.into_iter().map(own).collect()).collect(),
             together: grid.together as usize,
+            light_point_room: plan.light_point_room(),
             eye_vertices: gpu.storage(
                 "eye_vertices",
                 pixels
@@ -140,9 +143,12 @@ impl PixelBuffers {
         for BandBuffers { regions, frames, .. } in &self.groups[group] {
             let Region { first, size: [columns, rows], stride, scale, layers } = regions[slot];
             let offset = regions[..slot].iter().map(Region::pixels).sum::<u64>() as u32;
-            let frame =
-                FrameUniform { first, columns, rows, stride, scale, layers, offset, slot: slot as u32, ..*frame };
-            gpu.queue.write_buffer(frames, slot as u64 * FRAME_BYTES, bytemuck::bytes_of(&frame));
+            let at = slot as u64 * FRAME_BYTES;
+            let slot = slot as u32;
+            let first_light_point = slot * self.light_point_room;
+            let place =
+                FrameUniform { first, columns, rows, stride, scale, layers, offset, slot, first_light_point, ..*frame };
+            gpu.queue.write_buffer(frames, at, bytemuck::bytes_of(&place));
         }
     }
 

@@ -17,6 +17,7 @@ use crate::gpu::{Capabilities, Flag};
 use crate::render::denoise::plan::DenoisePlan;
 use crate::render::interleave::Grid;
 use crate::render::layouts::classes::MOST_TOGETHER;
+use crate::render::layouts::light_points::MOST_LIGHT_POINTS;
 use crate::render::planned_pass::PlannedPass;
 use crate::render::scene_flags::{chosen, light_flags, surface_flags};
 use crate::render::shared::plan::cost::Cost;
@@ -314,7 +315,8 @@ impl FramePlan {
     /// Chooses the squares of interleaved sampling, the bands, and everything that depends on these.
     fn divide_image(&mut self, stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) {
         (self.grid.side, self.interleave) = self.choose_side(stats, settings);
-        self.grid.together = if self.joins_classes(stats) { self.grid.subpaths().min(MOST_TOGETHER) } else { 1 };
+        let fitting = (MOST_LIGHT_POINTS / self.light_point_room()).clamp(1, MOST_TOGETHER);
+        self.grid.together = if self.joins_classes(stats) { self.grid.subpaths().min(fitting) } else { 1 };
         let pixels = u64::from(settings.width) * u64::from(settings.height);
         self.grid.layered = self.grid.side > 1 || settings.is_denoised();
         self.light_borders =
@@ -326,7 +328,8 @@ impl FramePlan {
         self.shares_gbuffer = !self.traces_camera && !self.is_layered() && 4 * stats.triangles as u64 > pixels;
         let has_borders = PIXELS_OF_BORDERS * stats.triangles as u64 <= pixels.max(MIN_PIXELS_OF_BORDERS);
         self.draws_borders = !self.traces_camera && has_borders;
-        let usual = if !capabilities.software || (self.has_candidates() && !self.reuses()) {
+        let draws_candidates = self.has_candidates() && !self.reuses() && !self.ray_views.lights;
+        let usual = if !capabilities.software || draws_candidates {
             BAND_PIXELS
         } else if pixels <= u64::from(TWO_SMALL_BANDS) {
             TWO_SMALL_BANDS
@@ -340,8 +343,14 @@ impl FramePlan {
     /// True if classes of pixels are rendered together: none has views of its own, nor a reflective shadow map that is not
     /// that of all.
     fn joins_classes(&self, stats: &SceneStats) -> bool {
-        let of_rays = self.ray_views == RayViews::ALL && self.own_directions;
-        of_rays && !self.has_candidates() && (!self.rsm || stats.lights == 1)
+        self.ray_views == RayViews::ALL && self.own_directions && (!self.rsm || stats.lights == 1)
+    }
+
+    /// Returns the number of light points for which a class has room: with their bytes a multiple of 256, so that those of
+    /// a class can be bound.
+    #[must_use]
+    pub fn light_point_room(&self) -> u32 {
+        self.light_points().max(1).next_multiple_of(4)
     }
 
     /// True if another plan has the same pipelines and buffers, for perhaps another number of triangles.

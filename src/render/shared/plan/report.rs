@@ -187,7 +187,8 @@ impl FramePlan {
     }
 
     fn candidates_row(&self, bands: u32) -> PlannedPass {
-        let runs = if self.has_candidates() { bands * (self.light_candidates + 1) } else { 0 };
+        let tests = if self.ray_views.lights { 1 } else { self.light_candidates };
+        let runs = if self.has_candidates() { bands * (tests + 1) } else { 0 };
         let why = match (self.light_candidates, self.light_vertices) {
             (_, 0) => NO_LIGHT.to_owned(),
             (1, _) if self.direct_lights > 0 => "few lights: each has a light point".to_owned(),

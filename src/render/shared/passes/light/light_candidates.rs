@@ -1,7 +1,7 @@
 //! light_candidates: direct light, (1, 2), from light candidates. Every pixel selects one, then its map tests
-//! its visibility.
+//! its visibility, or a ray.
 //!
-//! Reads: the eye vertices z1, the light points and, one after the other, their maps. Writes: the iteration's
+//! Reads: the eye vertices z1, the light points and, one after the other, their maps, unless rays test all at once. Writes: the iteration's
 //! image, or, with reuse (pass light_reservoirs), the reservoir of each pixel. Skipped when: one light point
 //! is enough.
 
@@ -53,7 +53,7 @@ impl LightCandidates {
             ("light_points", light_points),
         ];
         let reservoirs: Vec<_> = reservoirs.iter().map(|r| ("pixel_reservoirs", r.as_entire_binding())).collect();
-        recording.run(&self.select, band.size, &[&band.bindings(), &buffers, &reservoirs]);
+        recording.run_layers(&self.select, band.size, band.classes, &[&band.bindings(), &buffers, &reservoirs]);
     }
 
     /// Records the visibility test of pixels that selected the n-th light point, by the map around it.
@@ -71,6 +71,19 @@ impl LightCandidates {
         ];
         let reservoirs: Vec<_> = reservoirs.iter().map(|r| ("pixel_reservoirs", r.as_entire_binding())).collect();
         recording.run(&self.test, band.size, &[&map.bindings(), &band.bindings(), &buffers, &reservoirs]);
+    }
+
+    /// Records the visibility test of all pixels, by rays.
+    pub fn trace(
+        &self,
+        recording: &mut Recording,
+        band: &Band,
+        light_points: wgpu::BindingResource,
+        reservoirs: Option<&wgpu::Buffer>,
+    ) {
+        let buffers = [("selected_lights", self.selected_lights.as_entire_binding()), ("light_points", light_points)];
+        let reservoirs: Vec<_> = reservoirs.iter().map(|r| ("pixel_reservoirs", r.as_entire_binding())).collect();
+        recording.run_layers(&self.test, band.size, band.classes, &[&band.bindings(), &buffers, &reservoirs]);
     }
 
     /// Returns the bytes of the selections.

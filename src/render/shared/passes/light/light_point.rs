@@ -5,12 +5,9 @@
 
 use crate::gpu::{Compute, Flag, Gpu};
 use crate::render::layouts;
-use crate::render::layouts::classes::MOST_TOGETHER;
+use crate::render::layouts::light_points::MOST_LIGHT_POINTS;
 use crate::render::recording::Recording;
 use crate::render::visibility::view::ViewBuffers;
-
-/// Light points that passes take at once as a uniform (shaders/shared/paths/connect.wesl).
-const MOST_POINTS: u32 = 8;
 
 const POINT_BYTES: u64 = size_of::<layouts::LightPoint>() as u64;
 
@@ -20,24 +17,27 @@ pub struct LightPoint {
     count: u32,
     starts: wgpu::Buffer,
     views: wgpu::Buffer,
-    /// The light points of each class, the first is y0; room for `MOST_POINTS` of each.
+    /// The light points of each class, the first is y0.
     pub points: wgpu::Buffer,
+    /// Light points for which each class has room.
+    room: u32,
     /// A copy of one of the others, for passes that take it as a uniform.
     copy: Option<wgpu::Buffer>,
 }
 
 impl LightPoint {
-    /// Builds the pipeline, for views of a resolution. With `one_by_one`, passes take light points beside y0
+    /// Builds the pipeline for `count` light points of each class, which has room for `room`, and for views of a resolution. With `one_by_one`, passes take light points beside y0
     /// as uniforms.
     #[must_use]
-    pub fn new(gpu: &Gpu, flags: &[Flag], count: u32, resolution: u32, one_by_one: bool) -> Self {
+    pub fn new(gpu: &Gpu, flags: &[Flag], [count, room]: [u32; 2], resolution: u32, one_by_one: bool) -> Self {
         let view = layouts::View { resolution, slabs: 1, ..Default::default() };
         Self {
             compute: Compute::new(gpu, "shared/light/light_point", flags),
             count,
             starts: gpu.storage("light_starts", u64::from(count) * size_of::<layouts::LightStart>() as u64),
             views: gpu.upload("light_views", &vec![view; count as usize]),
-            points: gpu.storage("light_points", u64::from(count.max(MOST_POINTS * MOST_TOGETHER)) * POINT_BYTES),
+            points: gpu.storage("light_points", u64::from(room.max(MOST_LIGHT_POINTS)) * POINT_BYTES),
+            room,
             copy: one_by_one.then(|| gpu.storage("light_point", POINT_BYTES)),
         }
     }
@@ -72,7 +72,7 @@ impl LightPoint {
     }
 
     fn from(&self, slot: u64, count: u32) -> wgpu::BindingResource<'_> {
-        let [offset, size] = [slot * u64::from(MOST_POINTS), u64::from(count)].map(|points| points * POINT_BYTES);
+        let [offset, size] = [slot * u64::from(self.room), u64::from(count)].map(|points| points * POINT_BYTES);
         let size = wgpu::BufferSize::new(size);
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.points, offset, size })
     }
