@@ -143,6 +143,25 @@ fn without_light_only_the_camera_looks() {
     assert!(plan.views().is_empty() && plan.surface_flags.is_empty() && plan.light_flags.is_empty());
 }
 
+/// Classes have dispatches of their own where each has views, or a reflective shadow map that is not that of all.
+#[test]
+fn classes_that_rays_serve_are_rendered_together() {
+    let base = Settings { interleave: Some(3), visibility_from: VisibilityFrom::Grid, ..bounces(2) };
+    let glossy = SceneStats { glossy_triangles: 8, ..one_light() };
+    let of = |stats: &SceneStats, settings: &Settings| {
+        let plan = plan(stats, settings);
+        (plan.grid.together, ["light_point", "eye_vertices", "accumulate"].map(|pass| runs(&plan, pass)))
+    };
+    assert_eq!(of(&glossy, &base), (9, [9, 1, 1]));
+    assert_eq!(of(&glossy, &Settings { interleave: Some(5), ..base.clone() }), (16, [25, 2, 2]));
+    let lists = Settings { visibility_from: VisibilityFrom::Lists, ..base.clone() };
+    let two_lights = SceneStats { lights: 2, sharp_lights: 2, ..glossy.clone() };
+    for (stats, settings) in [(&glossy, &lists), (&one_light(), &base), (&two_lights, &base)] {
+        assert_eq!(of(stats, settings), (1, [9, 9, 9]), "{stats:?}");
+    }
+    assert_eq!(of(&glossy, &Settings { interleave: Some(1), ..base }), (1, [1, 1, 1]));
+}
+
 #[test]
 fn a_point_light_by_number_of_bounces() {
     let direct = plan(&one_light(), &bounces(0));

@@ -99,7 +99,8 @@ impl Grid {
     fn divided(&self, classes: &[Region]) -> Vec<Vec<Region>> {
         let columns: u32 = classes.iter().map(|class| class.size[0]).sum();
         let rows = classes.iter().map(|class| class.size[1]).max().unwrap_or(0);
-        let most = (self.band_pixels / columns.max(1)).max(1);
+        let fits = classes.iter().map(Region::pixels).sum::<u64>() <= u64::from(self.band_pixels);
+        let most = if fits { rows.max(1) } else { (self.band_pixels / columns.max(1)).max(1) };
         let band = |row: u32| {
             let part = |class: &Region| Region {
                 first: [class.first[0], class.first[1] + row * class.stride],
@@ -152,6 +153,7 @@ mod tests {
             ([37, 23], 4, 1, 60, 1),
             ([37, 23], 4, 1, 60, 16),
             ([37, 23], 5, 1, 200, 16),
+            ([64, 64], 3, 1, 64 * 64, 16),
             ([64, 48], 2, 4, 1 << 18, 1),
             ([64, 48], 2, 4, 1 << 18, 4),
             ([3, 2], 4, 1, 1, 1),
@@ -159,6 +161,8 @@ mod tests {
         ] {
             let grid = Grid { size, layered: side * scale > 1, side, scale, band_pixels, together };
             let mut seen = vec![[0; 2]; (size[0] * size[1]) as usize];
+            let pixels = u64::from(size[0] * size[1]);
+            assert!(pixels > u64::from(band_pixels) || grid.bands()[0].len() == 1, "one band is enough: {grid:?}");
             for band in grid.bands().iter().flatten() {
                 let [pixels, columns] = [|r: &Region| r.pixels(), |r: &Region| u64::from(r.size[0])]
                     .map(|of| band.iter().map(of).sum::<u64>());
