@@ -67,7 +67,7 @@
 //!
 //! | vertex | made by | pass |
 //! |---|---|---|
-//! | z1 | rasterizing from the camera, or rays | gbuffer, borders, eye_vertices |
+//! | z1 | rasterizing from the camera, or rays, at borders of lights several | gbuffer, borders, seen_light, eye_vertices |
 //! | y0 | choosing a light by power and contribution; on the sky by what comes in | light_point, light_importance, sky_guide |
 //! | y1, y2: VPLs | directions from y0, by its reflective shadow map, and from y1 | rsm, light_subpath |
 //! | z2, z3, ... | the nearest triangle along a ray-bundle, or a direction of the pixel's own | extend |

@@ -292,6 +292,8 @@ layouts! {
         offset: u32,
         slot: u32,
         first_light_point: u32,
+        pad0: [u32; 4],
+        pad1: [u32; 4],
     }
 
     /// A strategy's constants.

@@ -17,6 +17,9 @@ use crate::settings::Settings;
 /// Bytes of a uniform.
 const FRAME_BYTES: u64 = size_of::<FrameUniform>() as u64;
 
+// A part of a uniform begins at a multiple of this.
+const _: () = assert!(FRAME_BYTES.is_multiple_of(256));
+
 /// Buffers per pixel that all bands share, and the buffers of each band.
 pub struct PixelBuffers {
     /// The bands of each group of classes that are rendered together.
