@@ -59,7 +59,7 @@ pub struct Band<'a> {
     pub film: Option<&'a wgpu::Buffer>,
     frames: &'a wgpu::Buffer,
     /// The class of passes that take one alone, among those of the band.
-    slot: u64,
+    pub slot: u64,
     pixels: &'a PixelBuffers,
 }
 

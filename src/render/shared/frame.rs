@@ -110,9 +110,9 @@ impl Frame {
     /// them.
     fn trace_classes(&mut self, iteration: &Iteration, group: usize, classes: Range<u32>, uniform: &FrameUniform) {
         let mut recording = Recording::new(iteration.gpu, iteration.scene, "iteration");
-        for class in classes {
+        for (n, class) in classes.enumerate() {
             // Classes take turns with the inputs of the passes that make a light subpath.
-            if self.slot(class) > 0 {
+            if n > 0 {
                 recording.flush();
             }
             self.trace_shared_subpaths(&mut recording, iteration, class, uniform);
@@ -154,11 +154,6 @@ impl Frame {
         if class == 0 {
             self.rasterize_gbuffer(recording, uniform.clip_from_world);
         }
-    }
-
-    /// Returns the number of a class among those that are rendered together.
-    pub(super) fn slot(&self, class: u32) -> u64 {
-        u64::from(class % self.plan.grid.together)
     }
 
     /// Rasterizes every triangle into a parallel view for each bounce.

@@ -52,7 +52,7 @@ impl Frame {
         let (Some(pass), Some(y0)) = (&self.passes.light_point, self.light_points.first()) else { return };
         let y0_view = self.plan.light_view(y0.light);
         let y0_is_kept = *self.views.map_of(ViewRole::LightVertex(0)) == Some(y0.light);
-        let slot = self.slot(class);
+        let slot = self.pixels.first(class as usize).slot;
         if self.light_points.len() > 1 || !y0_is_kept || slot > 0 {
             pass.record(recording, slot, &self.light_points, self.passes.guide());
         }
@@ -88,18 +88,19 @@ impl Frame {
         else {
             return;
         };
+        let band = self.pixels.first(class as usize);
         let mut from = self.plan.light_view(y0.light);
         for vertex in 1..self.plan.light_vertices {
             let next = ViewRole::LightVertex(vertex);
             let inputs = LightSubpathInputs {
-                y0: light_point.y0(self.slot(class)),
+                y0: light_point.y0(band.slot),
                 rsm: self.passes.rsm.as_ref().map(|rsm| &rsm.table),
                 guide: self.passes.guide(),
                 from: self.views.get(from),
                 light_vertices: &self.light_vertices,
                 next: self.views.get(next),
             };
-            pass.record(recording, &self.pixels.first(class as usize), vertex, &inputs);
+            pass.record(recording, &band, vertex, &inputs);
             self.views.rasterize(recording, next);
             from = next;
         }
