@@ -292,8 +292,10 @@ layouts! {
         offset: u32,
         slot: u32,
         first_light_point: u32,
-        pad0: [u32; 4],
-        pad1: [u32; 4],
+        sharp_alpha: f32,
+        pad0: u32,
+        pad1: [u32; 2],
+        pad2: [u32; 4],
     }
 
     /// A strategy's constants.

@@ -184,6 +184,25 @@ fn filtered_frames_of_polished_metal_are_nearer_to_the_truth() {
     assert!((filtered.mean_bias - alone.mean_bias).abs() < 0.01, "{alone:?} {filtered:?}");
 }
 
+/// What polished metal shows of a light is the same without the filter, which averages what rough metal shows of it.
+#[test]
+fn lights_in_polished_metal_are_not_filtered() {
+    let Some(gpu) = gpu() else { return };
+    let changed = |alpha| {
+        // No light goes from one to the other and on.
+        let forward = Vec3::new(0.0, -0.4, -1.0).normalize();
+        let mut scene = Scene { cameras: vec![pinhole(Vec3::ZERO, forward, 0.5)], ..Scene::default() };
+        let board = shapes::quad(Vec3::new(-1.0, -0.5, -0.2), Vec3::X * 2.0, Vec3::NEG_Z * 2.0);
+        add(&mut scene, board, conductor(alpha));
+        let lamp = shapes::quad(Vec3::new(-0.3, 0.0, -1.5), Vec3::X * 0.6, Vec3::Y * 0.3);
+        add(&mut scene, lamp, emitter(0.0, Vec3::splat(5.0), false));
+        let film = |unfiltered| raster(gpu, &scene, &Settings { unfiltered, ..settings(4, 0, 8) }).0;
+        against(&film(false), &film(true)).rel_mse
+    };
+    let [polished, rough] = [0.05, 0.3].map(changed);
+    assert!(polished < 1e-9 && rough > 1e-3, "{polished} {rough}");
+}
+
 /// Black texels tell nothing about the light that reaches them: the filter leaves them out around white ones.
 #[test]
 fn a_black_pattern_does_not_darken_the_white_around_it() {

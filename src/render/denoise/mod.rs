@@ -30,6 +30,10 @@ use crate::render::upload::gpu_scene::GpuScene;
 /// holds enough samples: alpha = sqrt(8 F G / (cos N)) (section 5.2), 0.35 with N = 64 / 16.
 const CLAMPED_ALPHA: f32 = 0.7;
 
+/// GGX width of lobes from which on the lights that they show are filtered, over the angle by which the view direction turns
+/// from the middle of a square to its border: the flank of a highlight falls by a quarter there (docs/journal.md, "Few samples").
+const SHARP_TURNS: f32 = 4.0;
+
 /// Buffers of this frame and of the one before, which alternate.
 struct Pair([wgpu::Buffer; 2]);
 
@@ -346,6 +350,22 @@ impl Denoiser {
         }
     }
 
+    /// Returns the metres across a layer's pixel; per metre of distance in a perspective view.
+    fn footprint(&self, camera: &layouts::FrameUniform) -> f32 {
+        let Grid { size, scale, .. } = self.grid;
+        2.0 * Vec3::from(camera.camera_right).length() / size[0] as f32 * scale as f32
+    }
+
+    /// Returns the GGX width of lobes from which on the lights that they show are filtered: of all where that is noise of more
+    /// than one frame, or where light that needs no filter has a class of its own.
+    #[must_use]
+    pub fn sharp_alpha(&self, camera: &layouts::FrameUniform) -> f32 {
+        if self.filters.is_empty() || self.history > 0 || self.grid.scale > 1 || camera.orthographic != 0 {
+            return 0.0;
+        }
+        SHARP_TURNS * 0.5 * self.grid.side as f32 * self.footprint(camera)
+    }
+
     /// Returns the uniform that the passes share.
     fn uniform_of(&self, camera: &layouts::FrameUniform) -> layouts::DenoiseUniform {
         let Grid { size, side, scale, .. } = self.grid;
@@ -355,7 +375,7 @@ impl Denoiser {
         layouts::DenoiseUniform {
             clip_before: before.map_or(Mat4::IDENTITY.to_cols_array_2d(), |before| before.clip_from_world),
             camera_position: camera.camera_position,
-            footprint: 2.0 * Vec3::from(camera.camera_right).length() / size[0] as f32 * scale as f32,
+            footprint: self.footprint(camera),
             jitter_shift: array::from_fn(|i| jitter[i] - camera.jitter[i]),
             image: size,
             layer: self.grid.layer(),

@@ -84,6 +84,10 @@ impl Frame {
         let mut uniform = frame_uniform(scene, camera, settings, &of_camera, number, batch_index);
         if let Some(denoiser) = &self.denoiser {
             uniform.samples = denoiser.samples() / settings.samples_per_lobe();
+            // Along shared directions narrow lobes are wider, and the same light is noise.
+            if self.plan.own_directions {
+                uniform.sharp_alpha = denoiser.sharp_alpha(&uniform);
+            }
         }
         uniform.splat_scale = iteration.lights.splat_scale(scene.sphere().1);
         self.trace_caustics(iteration, &uniform);
