@@ -234,8 +234,20 @@ fn ply_files_may_have_strips() {
 }
 
 #[test]
+fn points_and_lines_of_obj_files_are_told_from_files_without_anything() {
+    let warnings = |text: &str| scene::load_bytes("scan.obj", text.as_bytes(), &|_| None).unwrap().warnings;
+    let lines = warnings("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3\n");
+    assert!(lines.iter().any(|w| w.contains("3 points and no faces")), "{lines:?}");
+    let nothing = warnings("# empty\n");
+    assert!(!nothing.iter().any(|w| w.contains("no faces")), "{nothing:?}");
+}
+
+#[test]
 fn obj_files_have_their_colours() {
     let load = |text: &str| scene::load_bytes("scan.obj", text.as_bytes(), &|_| None).unwrap();
+    let unseen = load("v 0 0 0 1 0 0\nv 1 0 0 nan nan nan\nv 0 1 0 1 0 0\nf 1 2 3\n");
+    assert_eq!(unseen.meshes[0].colors.iter().map(|c| c.y).collect::<Vec<_>>(), [0.0, 1.0, 0.0]);
+    assert!(unseen.warnings.iter().any(|w| w.contains("white: 1")), "{:?}", unseen.warnings);
     let scene = load("v 0 0 0 1 0 0\nv 1 0 0 0.735357 0 0\nv 0 1 0\nf 1 2 3\n");
     let colors: Vec<_> = scene.meshes[0].colors.iter().map(|c| c.truncate()).collect();
     assert!(colors[1].abs_diff_eq(Vec3::X * 0.5, 1e-4) && [colors[0], colors[2]] == [Vec3::X, Vec3::ONE], "{colors:?}");

@@ -356,8 +356,8 @@ impl Denoiser {
         2.0 * Vec3::from(camera.camera_right).length() / size[0] as f32 * scale as f32
     }
 
-    /// Returns the GGX width of lobes from which on the lights that they show are filtered: of all where that is noise of more
-    /// than one frame, or where light that needs no filter has a class of its own.
+    /// Returns the GGX width of lobes from which on the lights that they show are filtered. All are, and it is 0, where frames
+    /// are averaged over time, where light that needs no filter has a class of its own, and where all view directions are alike.
     #[must_use]
     pub fn sharp_alpha(&self, camera: &layouts::FrameUniform) -> f32 {
         if self.filters.is_empty() || self.history > 0 || self.grid.scale > 1 || camera.orthographic != 0 {

@@ -78,9 +78,7 @@ pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         material.bsdf = Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture } };
     }
     if mesh.triangles.is_empty() && points > 0 {
-        scene.warn(format!(
-            "the file has {points} points and no faces, so that there is no surface: make a mesh of them"
-        ));
+        scene.warn(points_alone(points));
     }
     scene.materials.push(material);
     add(&mut scene, mesh);
@@ -98,6 +96,11 @@ pub fn load_stl(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
     add(&mut scene, mesh);
     Ok(scene)
+}
+
+/// Returns what to say of a file that has points and no faces.
+fn points_alone(points: usize) -> String {
+    format!("the file has {points} points and no faces, so that there is no surface: make a mesh of them")
 }
 
 /// Returns a text file in UTF-8, without the mark of its encoding: programs of Windows write UTF-16, too.

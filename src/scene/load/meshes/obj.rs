@@ -44,7 +44,7 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
 
 /// Parses a mesh; v points up as in the file. Polygons are split into fans. A `\` at the end of a line continues it.
 ///
-/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour white.
+/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour, or one that is no number, white.
 /// Those that a corner refers to and that the file does not have are missing, too. Faces of less than three corners show
 /// nothing.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
@@ -56,7 +56,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     let mut mesh = Mesh::default();
     let mut polygon: Vec<u32> = Vec::new();
     let (mut materials, mut libraries) = (Vec::new(), Vec::new());
-    let (mut lost, mut edges) = (0_usize, 0_usize);
+    let (mut lost, mut edges, mut colorless) = (0_usize, 0_usize, 0_usize);
     let mut lines = bytes.split(|&b| b == b'\n').map(statement).enumerate();
     while let Some((number, mut line)) = lines.next() {
         let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
@@ -66,12 +66,12 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             line = format!("{begun} {rest}").into();
         }
         let mut words = line.split_whitespace();
-        let floats = |words: std::str::SplitWhitespace| -> Result<[f32; 3], LoadError> {
+        let numbers = |words: std::str::SplitWhitespace, finite: bool| -> Result<[f32; 3], LoadError> {
             let mut out = [0.0_f32; 3];
             let mut count = 0;
             for (slot, word) in out.iter_mut().zip(words) {
                 *slot = word.parse().map_err(|_| error(format!("`{word}` is not a number")))?;
-                if !slot.is_finite() {
+                if finite && !slot.is_finite() {
                     return Err(error(format!("`{word}` is not finite")));
                 }
                 count += 1;
@@ -79,6 +79,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             let needed = if line.trim_start().starts_with("vt") { 1 } else { 3 };
             if count < needed { Err(error(format!("{needed} numbers are expected, not {count}"))) } else { Ok(out) }
         };
+        let floats = |words| numbers(words, true);
         match words.next() {
             Some("v") => {
                 // A colour may follow the position; a fourth number alone is a weight.
@@ -87,7 +88,10 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                     let mut color = words.clone();
                     color.nth(2);
                     colors.resize(positions.len(), Vec4::ONE);
-                    colors.push(Vec3::from(floats(color)?).extend(1.0));
+                    // Scanners write `nan` where they have seen none.
+                    let color = Vec3::from(numbers(color, false)?);
+                    colorless += usize::from(!color.is_finite());
+                    colors.push(if color.is_finite() { color.extend(1.0) } else { Vec4::ONE });
                 }
                 positions.push(floats(words)?.into());
             }
@@ -133,10 +137,16 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
         mesh.normals = corners.iter().filter_map(|c| c[2].map(|i| normals[i as usize])).collect();
     }
     let mut warnings = Vec::new();
+    if mesh.triangles.is_empty() && edges == 0 && !positions.is_empty() {
+        warnings.push(super::points_alone(positions.len()));
+    }
     if lost > 0 {
         warnings.push(format!(
             "texture coordinates or normals that corners refer to are not in the file: {lost} are left out"
         ));
+    }
+    if colorless > 0 {
+        warnings.push(format!("colours of vertices that are no numbers are white: {colorless}"));
     }
     if edges > 0 {
         warnings.push(format!("faces of less than three corners are left out: {edges}"));
