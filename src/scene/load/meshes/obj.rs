@@ -44,9 +44,9 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
 
 /// Parses a mesh; v points up as in the file. Polygons are split into fans. A `\` at the end of a line continues it.
 ///
-/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour, or one that is no number, white.
-/// Those that a corner refers to and that the file does not have are missing, too. Faces of less than three corners show
-/// nothing.
+/// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour, or one
+/// that is no number, white. Those that a corner refers to and that the file does not have are missing, too. Faces of less
+/// than three corners show nothing.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     // Of positions, as many as the last one that has a colour needs.
@@ -88,7 +88,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                     let mut color = words.clone();
                     color.nth(2);
                     colors.resize(positions.len(), Vec4::ONE);
-                    // Scanners write `nan` where they have seen none.
+                    // Some files have `nan` where no colour is known.
                     let color = Vec3::from(numbers(color, false)?);
                     colorless += usize::from(!color.is_finite());
                     colors.push(if color.is_finite() { color.extend(1.0) } else { Vec4::ONE });
