@@ -3,11 +3,12 @@
 use std::error::Error;
 use std::path::PathBuf;
 
+use lightsheaf::exposure::{Backdrop, auto_exposure};
 use lightsheaf::gpu::Gpu;
 use lightsheaf::render::{self, Renderer};
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, Staging};
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::tonemap::{Grade, Tonemap};
 
 const FRAMES: u32 = 4;
 const FRAMES_PER_SECOND: f32 = 4.0;
@@ -37,7 +38,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         renderer.render(16, &mut |_| true)?;
         let film = renderer.film()?;
         let picture = folder.join(format!("frame_{frame:04}.png"));
-        film.save_graded(&picture, &Grade { stops: Exposure::Auto.stops(&film), tonemap: Tonemap::Agx })?;
+        let backdrop = Backdrop::new(&pose, &pose.cameras[0], [settings.width, settings.height], None);
+        let stops = auto_exposure(&film, backdrop.as_ref());
+        film.save_graded(&picture, &Grade { stops, tonemap: Tonemap::Agx })?;
         println!("{}", picture.display());
     }
     Ok(())

@@ -4,11 +4,12 @@
 
 use std::error::Error;
 
+use lightsheaf::exposure::{Backdrop, auto_exposure};
 use lightsheaf::gpu::Gpu;
 use lightsheaf::render;
 use lightsheaf::settings::Settings;
 use lightsheaf::staging::{self, Staging};
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::tonemap::{Grade, Tonemap};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -28,7 +29,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     renderer.render(32, &mut |_samples| true)?;
 
     let film = renderer.film()?;
-    film.save_graded(&picture, &Grade { stops: Exposure::Auto.stops(&film), tonemap: Tonemap::Agx })?;
+    let backdrop = Backdrop::new(&scene, &scene.cameras[0], [settings.width, settings.height], None);
+    let stops = auto_exposure(&film, backdrop.as_ref());
+    film.save_graded(&picture, &Grade { stops, tonemap: Tonemap::Agx })?;
     println!("{picture}: {} samples on {}", renderer.samples(), gpu.capabilities.adapter);
     Ok(())
 }

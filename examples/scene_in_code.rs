@@ -3,12 +3,13 @@
 use std::error::Error;
 
 use glam::{Affine3A, Vec3};
+use lightsheaf::exposure::auto_exposure;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::render;
 use lightsheaf::scene::model::shapes;
 use lightsheaf::scene::{Bsdf, Camera, FovAxis, Instance, Light, Material, Projection, Scene};
 use lightsheaf::settings::Settings;
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::tonemap::{Grade, Tonemap};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let picture = std::env::args().nth(1).unwrap_or_else(|| "scene_in_code.png".to_owned());
@@ -57,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut renderer = render::open(&gpu, &scene, &settings)?;
     renderer.render(32, &mut |_| true)?;
     let film = renderer.film()?;
-    film.save_graded(&picture, &Grade { stops: Exposure::Auto.stops(&film), tonemap: Tonemap::Agx })?;
+    film.save_graded(&picture, &Grade { stops: auto_exposure(&film, None), tonemap: Tonemap::Agx })?;
     println!("{picture}");
     Ok(())
 }

@@ -39,7 +39,7 @@
 //! |---|---|
 //! | [`crop`] | parts of images |
 //! | [`scene`], [`gpu`] | scenes as plain data and their loaders; a thin layer over wgpu |
-//! | [`settings`], [`film`], [`metrics`], [`tonemap`] | options; images, their errors and display |
+//! | [`settings`], [`film`], [`metrics`], [`exposure`], [`tonemap`] | options; images, their errors and display |
 //! | [`mod@reference`] | the CPU path tracer, which shares only scene and film with the renderers |
 //! | [`staging`] | the camera and the light that a file leaves out |
 //! | [`render::upload`], [`render::lights`] | the scene on the device; light tables and trees |
@@ -111,6 +111,7 @@ pub mod bench;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod crop;
+pub mod exposure;
 pub mod film;
 pub mod gpu;
 pub mod metrics;

@@ -3,10 +3,6 @@
 //! `render` and the viewer display pictures through the same [`Grade`]. EXR files store linear radiance
 //! without one.
 //!
-//! [`auto_exposure`] chooses the exposure from the picture (Reinhard et al. 2002, *Photographic Tone
-//! Reproduction for Digital Images*, eq. 1 and 2): it maps the log-average luminance to middle grey, [`KEY`]
-//! = 0.18. The selection of the pixels that count is ours.
-//!
 //! | curve | applied to | source | display value of 0.18 in sRGB, 0 to 1 |
 //! |---|---|---|---|
 //! | `clip` | channel | IEC 61966-2-1 | 0.46 |
@@ -16,30 +12,14 @@
 
 use std::fmt;
 use std::path::Path;
-use std::str::FromStr;
 use std::sync::LazyLock;
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::film::{Film, FilmError, srgb_from_linear};
-use crate::scene::LUMINANCE;
 
-/// Linear value that the log-average luminance is mapped to: middle grey (Reinhard et al. 2002, section 3).
-pub const KEY: f32 = 0.18;
-
-/// Fraction of the brightest pixels that are ignored: emitters, highlights and fireflies.
-pub const BRIGHTEST: f64 = 0.1;
-/// Fraction of the darkest pixels that are ignored.
-pub const DARKEST: f64 = 0.1;
-/// Pixels that are more stops than this below the brightest tenth are ignored as empty background: 2^-10 is
-/// about 1e-3.
-pub const EMPTY_STOPS: u32 = 10;
-
-/// Range of an exposure, stops.
-pub const STOPS: std::ops::RangeInclusive<f32> = -32.0..=32.0;
-
-/// Leading bits of the mantissa that index tables and histogram.
+/// Leading bits of the mantissa that index tables.
 const MANTISSA: u32 = 8;
 /// Entries of a table per stop.
 const STEPS: u32 = 1 << MANTISSA;
@@ -90,50 +70,6 @@ impl fmt::Display for Tonemap {
     }
 }
 
-/// Exposure of a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Exposure {
-    /// The exposure that [`auto_exposure`] chooses.
-    #[default]
-    Auto,
-    /// Values are multiplied by 2 to the power of this.
-    Stops(f32),
-}
-
-impl Exposure {
-    /// Returns the exposure of a picture in stops.
-    #[must_use]
-    pub fn stops(self, film: &Film) -> f32 {
-        match self {
-            Self::Auto => auto_exposure(film),
-            Self::Stops(stops) => stops,
-        }
-    }
-}
-
-impl fmt::Display for Exposure {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            Self::Auto => f.write_str("auto"),
-            Self::Stops(stops) => stops.fmt(f),
-        }
-    }
-}
-
-impl FromStr for Exposure {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            _ => match text.parse() {
-                Ok(stops) if STOPS.contains(&stops) => Ok(Self::Stops(stops)),
-                _ => Err("has to be `auto` or -32 to 32 stops"),
-            },
-        }
-    }
-}
-
 /// Exposure and tone curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grade {
@@ -176,62 +112,6 @@ impl Film {
     pub fn save_graded(&self, path: impl AsRef<Path>, grade: &Grade) -> Result<(), FilmError> {
         self.save_by(path.as_ref(), &|film| grade.picture(film))
     }
-}
-
-/// Returns the exposure that maps the log-average luminance of a picture to [`KEY`], in stops. It is rounded
-/// to hundredths, so that the printed value reproduces the picture.
-///
-/// Pixels are ignored if they are black or not finite; of the others, if they are more than [`EMPTY_STOPS`]
-/// below the [`BRIGHTEST`] tenth; and of the remaining ones, the brightest and the [`DARKEST`] tenth. If no
-/// pixel is left, the exposure is 0.
-#[must_use]
-pub fn auto_exposure(film: &Film) -> f32 {
-    // The leading bits of a positive f32 index bins of its logarithm: a factor of 2 is exactly STEPS bins.
-    let mut bins = vec![0_u32; 1 << (8 + MANTISSA)];
-    for &pixel in &film.pixels {
-        let luminance = Vec3::from_array(pixel).dot(LUMINANCE);
-        if luminance.is_finite() && luminance >= f32::MIN_POSITIVE {
-            bins[(luminance.to_bits() >> BELOW) as usize] += 1;
-        }
-    }
-    let mut bins: Vec<(usize, f64)> =
-        bins.into_iter().enumerate().filter(|(_, n)| *n > 0).map(|(bin, n)| (bin, f64::from(n))).collect();
-    bins.reverse();
-    let mut brightest = bins.clone();
-    let lamps = BRIGHTEST * count(&bins);
-    trim(&mut brightest, lamps);
-    let Some(&(brightest, _)) = brightest.first() else { return 0.0 };
-    bins.retain(|(bin, _)| bin + (EMPTY_STOPS * STEPS) as usize >= brightest);
-    let [lamps, shadows] = [BRIGHTEST, DARKEST].map(|share| share * count(&bins));
-    trim(&mut bins, lamps);
-    bins.reverse();
-    trim(&mut bins, shadows);
-
-    // A bin is represented by the logarithm of its centre.
-    let log2 = |bin: usize| f64::from(f32::from_bits(((bin as u32) << BELOW) | (1 << (BELOW - 1)))).log2();
-    let log_average = bins.iter().map(|&(bin, n)| n * log2(bin)).sum::<f64>() / count(&bins); // eq. 1, in stops
-    let stops = f64::from(KEY).log2() - log_average; // eq. 2
-    let stops = stops.clamp((*STOPS.start()).into(), (*STOPS.end()).into());
-    if !stops.is_finite() {
-        return 0.0;
-    }
-    // Adding 0 turns -0 into 0.
-    ((stops * 100.0).round() / 100.0) as f32 + 0.0
-}
-
-/// Returns the number of pixels in bins.
-fn count(bins: &[(usize, f64)]) -> f64 {
-    bins.iter().map(|(_, n)| n).sum()
-}
-
-/// Removes a number of pixels, starting at the first bins.
-fn trim(bins: &mut Vec<(usize, f64)>, mut pixels: f64) {
-    for (_, n) in bins.iter_mut() {
-        let taken = pixels.min(*n);
-        *n -= taken;
-        pixels -= taken;
-    }
-    bins.retain(|(_, n)| *n > 0.0);
 }
 
 /// Number of pixels that a thread processes at once.
@@ -487,100 +367,6 @@ mod tests {
             let bytes: Vec<u8> =
                 (0..=6000).map(|i| Grade { stops: 0.0, tonemap }.shown([i as f32 * 0.003; 3])[1]).collect();
             assert!(bytes.is_sorted(), "{tonemap}");
-        }
-    }
-
-    /// A picture with luminances within two stops around 0.1.
-    fn room() -> Film {
-        let pixel = |i: u32| {
-            let value = 0.1 * (((i * 37) % 101) as f32 / 25.0 - 2.0).exp2();
-            [1.2 * value, value, 0.7 * value]
-        };
-        Film { width: 100, height: 100, pixels: (0..10_000).map(pixel).collect() }
-    }
-
-    #[test]
-    fn auto_exposure_makes_the_average_middle_grey() {
-        let grey = |value: f32| Film { width: 8, height: 8, pixels: vec![[value; 3]; 64] };
-        for (value, stops) in [(0.18, 0.0), (0.09, 1.0), (0.36, -1.0), (18.0, -6.64), (1e-6, 17.46)] {
-            assert!((auto_exposure(&grey(value)) - stops).abs() < 0.011, "{value}: {}", auto_exposure(&grey(value)));
-        }
-        for value in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(auto_exposure(&grey(value)), 0.0, "{value}");
-        }
-        assert_eq!(auto_exposure(&Film::default()), 0.0);
-        assert_eq!(auto_exposure(&grey(1e-30)), *STOPS.end());
-        assert_eq!(auto_exposure(&grey(1e30)), *STOPS.start());
-    }
-
-    #[test]
-    fn auto_exposure_is_repeated_by_its_number_and_follows_the_light() {
-        let mut film = room();
-        let stops = auto_exposure(&film);
-        assert_eq!(format!("{stops:.2}").parse(), Ok(stops), "hundredths");
-        for power in [-9, 3, 7] {
-            film.pixels.iter_mut().flatten().for_each(|v| *v *= 2_f32.powi(power));
-            let darker = auto_exposure(&film);
-            assert!((darker + power as f32 - stops).abs() < 1e-4, "{power}: {darker} of {stops}");
-            film = room();
-        }
-    }
-
-    #[test]
-    fn auto_exposure_does_not_look_at_lights_noise_and_emptiness() {
-        let stops = auto_exposure(&room());
-        let with = |change: &dyn Fn(usize, &mut [f32; 3])| {
-            let mut film = room();
-            film.pixels.iter_mut().enumerate().for_each(|(i, pixel)| change(i, pixel));
-            auto_exposure(&film)
-        };
-        let emitter = with(&|i, pixel| {
-            if i % 100 < 10 && i < 3000 {
-                *pixel = [1e4; 3]
-            }
-        });
-        assert!((emitter - stops).abs() < 0.1, "3 % of the picture: {emitter}, not {stops}");
-        let noise = with(&|i, pixel| {
-            if i % 97 == 0 {
-                *pixel = [1e6, 0.0, 0.0]
-            }
-        });
-        assert!((noise - stops).abs() < 0.05, "1 % fireflies: {noise}, not {stops}");
-        let black = with(&|i, pixel| {
-            if i < 6000 {
-                *pixel = [0.0; 3]
-            }
-        });
-        assert!((black - stops).abs() < 0.05, "60 % black: {black}, not {stops}");
-        let dim = with(&|i, pixel| {
-            if i < 6000 {
-                *pixel = [1e-5; 3]
-            }
-        });
-        assert!((dim - stops).abs() < 0.05, "60 % nearly black: {dim}, not {stops}");
-        let broken = with(&|i, pixel| {
-            if i % 50 == 0 {
-                *pixel = [f32::NAN, f32::INFINITY, 1.0]
-            }
-        });
-        assert!((broken - stops).abs() < 0.05, "{broken}, not {stops}");
-        let dark = with(&|i, pixel| {
-            if i % 2 == 0 {
-                *pixel = pixel.map(|v| v / 8.0)
-            }
-        });
-        assert!(dark > stops + 1.0, "canary: half of the room is darker, {dark}, not {stops}");
-    }
-
-    #[test]
-    fn exposures_are_parsed_and_printed() {
-        for (text, exposure) in
-            [("auto", Exposure::Auto), ("1.37", Exposure::Stops(1.37)), ("-2", Exposure::Stops(-2.0))]
-        {
-            assert_eq!((text.parse(), exposure.to_string()), (Ok(exposure), text.to_owned()));
-        }
-        for bad in ["", "Auto", "33", "-32.5", "nan", "inf", "1,5"] {
-            assert!(bad.parse::<Exposure>().is_err(), "{bad}");
         }
     }
 }

@@ -243,6 +243,38 @@ fn serialized() -> Vec<u8> {
 }
 
 /// Returns files of each kind of compression, and one with compressed images.
+/// Skies by the compressions of OpenEXR, and a Radiance file.
+fn sky_seeds() -> Vec<Seed> {
+    use exr::prelude::{
+        Compression, Encoding, Image, Layer, LayerAttributes, SpecificChannels, Vec2, WritableImage, f16,
+    };
+    let exr = |compression| {
+        let pixel = |Vec2(x, y): Vec2<usize>| {
+            let value = |c: usize| f16::from_f32(((x * 7 + y * 13 + c * 5) % 31) as f32 * 0.1);
+            (value(0), value(1), value(2))
+        };
+        let encoding = Encoding { compression, ..Encoding::FAST_LOSSLESS };
+        let channels = SpecificChannels::rgb(pixel);
+        let layer = Layer::new((40, 36), LayerAttributes::default(), encoding, channels);
+        let mut bytes = Vec::new();
+        Image::from_layer(layer).write().to_buffered(std::io::Cursor::new(&mut bytes)).unwrap();
+        bytes
+    };
+    let mut hdr = Vec::new();
+    image::codecs::hdr::HdrEncoder::new(&mut hdr).encode(&[image::Rgb([0.5, 1.0, 20.0]); 40 * 20], 40, 20).unwrap();
+    let compressions =
+        [Compression::DWAA(None), Compression::DWAB(None), Compression::PIZ, Compression::ZIP16, Compression::RLE];
+    let skies = compressions.map(|compression| ("sky.exr", exr(compression))).into_iter().chain([("sky.hdr", hdr)]);
+    let scene = |name: &str| {
+        let text = format!(
+            "<scene version=\"3.0.0\"><sensor type=\"perspective\"/><shape type=\"rectangle\"/>\
+             <emitter type=\"envmap\"><string name=\"filename\" value=\"{name}\"/></emitter></scene>"
+        );
+        text.into_bytes()
+    };
+    skies.map(|(name, bytes)| vec![("scene.xml", scene(name)), (name, bytes)]).collect()
+}
+
 fn compressed_seeds() -> Vec<Seed> {
     let read = |name: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name);
@@ -519,6 +551,13 @@ fn mutated_mitsuba() {
 fn mutated_meshes() {
     let [loaded, refused] = fuzz("meshes", &mesh_seeds(), number("FUZZ_ROUNDS", ROUNDS / 5));
     assert!(loaded > refused / 20 && refused > loaded / 20, "{loaded} loaded, {refused} refused");
+}
+
+#[test]
+fn mutated_skies() {
+    let rounds = number("FUZZ_ROUNDS", ROUNDS / 5);
+    let [loaded, refused] = fuzz("skies", &sky_seeds(), rounds);
+    assert!(loaded > rounds / 20 && refused > rounds / 4, "{loaded} loaded, {refused} refused");
 }
 
 #[test]

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
+use lightsheaf::exposure::Exposure;
 use lightsheaf::film::Film;
 use lightsheaf::gpu::Gpu;
 use lightsheaf::metrics::compare;
@@ -20,7 +21,7 @@ use lightsheaf::scene::{Geometry, Light, Scene, Viewpoint, builtin};
 use lightsheaf::settings::{OnlyStrategy, Settings, Technique};
 use lightsheaf::staging::OrbitCamera;
 use lightsheaf::staging::Staging;
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::tonemap::{Grade, Tonemap};
 use lightsheaf::viewer::outbox::{Note, Outbox};
 use lightsheaf::viewer::render_thread::{RenderThread, open, show_lengths};
 use lightsheaf::viewer::request::{Command, Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};

@@ -6,11 +6,12 @@ use std::sync::Arc;
 use anyhow::{Result, anyhow, bail};
 use glam::{Affine3A, Vec3};
 
+use crate::exposure::Exposure;
 use crate::render::adapt::{adapted, warnings};
 use crate::scene::{self, Camera, EnvironmentChange, FovAxis, Projection, Scene, Viewpoint};
 use crate::settings::Settings;
 use crate::staging::{self, CameraChoice, Staging};
-use crate::tonemap::{Exposure, Tonemap};
+use crate::tonemap::Tonemap;
 
 /// Arguments that select the scene, its camera and light, and the settings.
 #[derive(Clone, clap::Args)]

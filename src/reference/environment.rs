@@ -7,7 +7,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use super::distribution::{Table, sample_linear};
 use crate::scene::{Environment, EnvironmentMap, Rows};
@@ -17,9 +17,7 @@ pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// An environment, prepared for look-up and, if it has a map, for sampling.
 pub struct Sky<'s> {
-    radiance: Vec3,
-    map: Option<&'s EnvironmentMap>,
-    world_from_environment: Mat3,
+    environment: &'s Environment,
     table: Option<SkyTable>,
 }
 
@@ -43,7 +41,7 @@ impl<'s> Sky<'s> {
     pub fn new(environment: &'s Environment) -> Self {
         let map = environment.map.as_ref();
         let table = map.and_then(|map| SkyTable::new(map, environment.radiance.dot(LUMINANCE)));
-        Self { radiance: environment.radiance, map, world_from_environment: environment.world_from_environment, table }
+        Self { environment, table }
     }
 
     /// Returns the luminance of the flux through a unit disk from all directions. It is 0 for a constant sky,
@@ -56,30 +54,14 @@ impl<'s> Sky<'s> {
     /// Returns the radiance that arrives along `-direction`.
     #[must_use]
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
-        let Some(map) = self.map else { return self.radiance };
-        let at = self.coordinates(direction);
-        let (height, width) = (map.height as i64, i64::from(map.width));
-        let y = match map.rows {
-            Rows::Centred => at.y * map.height as f32 - 0.5,
-            Rows::AtPoles => at.y * (map.height - 1) as f32,
-        };
-        let x = at.x * map.width as f32 - 0.5;
-        let (fx, fy) = (x - x.floor(), y - y.floor());
-        let texel = |dx: i64, dy: i64| {
-            let column = (x.floor() as i64 + dx).rem_euclid(width);
-            let row = (y.floor() as i64 + dy).clamp(0, height - 1);
-            Vec3::from(map.texels[(row * width + column) as usize])
-        };
-        let above = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
-        let below = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;
-        self.radiance * (above * (1.0 - fy) + below * fy)
+        self.environment.seen(direction)
     }
 
     /// Samples a direction towards the sky. Returns it with its density per solid angle; none if the density
     /// is zero.
     #[must_use]
     pub fn sample(&self, u: Vec2) -> Option<(Vec3, f32)> {
-        let (map, table) = (self.map?, self.table.as_ref()?);
+        let (map, table) = (self.environment.map.as_ref()?, self.table.as_ref()?);
         let (band, _, y) = table.rows.sample(u.y);
         let (cell, _, x) = table.columns[band].sample(u.x);
         let [a, b, c, d] = table.corners(map, band, cell);
@@ -90,7 +72,7 @@ impl<'s> Sky<'s> {
         let phi = TAU * (cell as f32 + 0.5 + fx) / map.width as f32;
         let (sin_theta, cos_theta) = (v * PI).sin_cos();
         let local = Vec3::new(phi.sin() * sin_theta, cos_theta, -phi.cos() * sin_theta);
-        let direction = self.world_from_environment * local;
+        let direction = self.environment.world_from_environment * local;
         // The density is evaluated for the final direction. Rounding at a cell's edge then changes radiance
         // and density alike.
         let pdf_w = self.pdf_w(direction);
@@ -100,8 +82,8 @@ impl<'s> Sky<'s> {
     /// Returns the density of [`Self::sample`] per solid angle.
     #[must_use]
     pub fn pdf_w(&self, direction: Vec3) -> f32 {
-        let (Some(map), Some(table)) = (self.map, &self.table) else { return 0.0 };
-        let at = self.coordinates(direction);
+        let (Some(map), Some(table)) = (&self.environment.map, &self.table) else { return 0.0 };
+        let at = self.environment.coordinates(direction);
         let sin_theta = (at.y * PI).sin();
         if sin_theta <= 0.0 {
             return 0.0;
@@ -115,13 +97,6 @@ impl<'s> Sky<'s> {
         let value = (a + (b - a) * fx) * (1.0 - fy) + (c + (d - c) * fx) * fy;
         // du dv = dw / (2 pi^2 sin theta).
         value * table.band_sine(band) / (table.integral * TAU * PI * sin_theta)
-    }
-
-    /// Returns the u and v coordinates of a direction.
-    fn coordinates(&self, direction: Vec3) -> Vec2 {
-        let d = self.world_from_environment.transpose() * direction;
-        let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
-        Vec2::new(u, d.y.clamp(-1.0, 1.0).acos() / PI)
     }
 }
 
@@ -173,6 +148,8 @@ impl SkyTable {
 
 #[cfg(test)]
 mod tests {
+    use glam::Mat3;
+
     use super::*;
     use crate::reference::sampler::hash;
 

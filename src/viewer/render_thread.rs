@@ -22,6 +22,7 @@ use super::outbox::{Note, Outbox, SharedOutbox};
 use super::pace::Pace;
 use super::preview;
 use super::request::{Command, Layer, Machine, Picture, Request, SceneInfo};
+use crate::exposure::{Backdrop, auto_exposure};
 use crate::film::{Film, has_extension};
 use crate::gpu::{Gpu, GpuError};
 use crate::metrics;
@@ -31,7 +32,7 @@ use crate::scene::model::stats::triangles_vary;
 use crate::scene::{Camera, Geometry, Scene, Viewpoint};
 use crate::settings::Settings;
 use crate::staging;
-use crate::tonemap::{self, Grade};
+use crate::tonemap::Grade;
 
 /// Samples per pixel after which rendering stops.
 pub const ENOUGH: u64 = 1 << 16;
@@ -185,6 +186,8 @@ struct CachedRenderer<'gpu> {
     posed_scene: u64,
     camera: Camera,
     engine: Engine<'gpu>,
+    /// What the camera sees of the environment.
+    backdrop: Option<Backdrop>,
     /// True if the renderer has not run yet: the first run is slower and is not used to choose the
     /// resolution.
     fresh: bool,
@@ -276,6 +279,7 @@ impl<'gpu> PaneState<'gpu> {
     fn take_renderer(&mut self, gpu: Option<&'gpu Gpu>, view: &PaneView) -> Result<CachedRenderer<'gpu>, RenderError> {
         let &PaneView { ref settings, posed_scene, scene, ref camera, .. } = view;
         let slot = &mut self.cached[usize::from(view.moving)];
+        let backdrop = || Backdrop::new(scene, camera, [settings.width, settings.height], settings.crop);
         match slot.take().filter(|cached| cached.settings == *settings) {
             Some(mut cached) => {
                 if cached.posed_scene != posed_scene {
@@ -283,6 +287,7 @@ impl<'gpu> PaneState<'gpu> {
                 }
                 if cached.posed_scene != posed_scene || cached.camera != *camera {
                     cached.engine.set_camera(camera, settings)?;
+                    cached.backdrop = backdrop();
                     self.shown = None;
                 }
                 Ok(CachedRenderer { posed_scene, camera: camera.clone(), ..cached })
@@ -291,8 +296,8 @@ impl<'gpu> PaneState<'gpu> {
                 self.shown = None;
                 let mut engine = Engine::new(gpu, scene, settings)?;
                 engine.set_camera(camera, settings)?;
-                let (settings, camera) = (settings.clone(), camera.clone());
-                Ok(CachedRenderer { settings, posed_scene, camera, engine, fresh: true })
+                let (backdrop, settings, camera) = (backdrop(), settings.clone(), camera.clone());
+                Ok(CachedRenderer { settings, posed_scene, camera, engine, backdrop, fresh: true })
             }
         }
     }
@@ -334,7 +339,7 @@ impl<'gpu> PaneState<'gpu> {
     fn picture(
         &self,
         view: &PaneView,
-        engine: &Engine,
+        CachedRenderer { engine, backdrop, .. }: &CachedRenderer,
         stats: RenderStats,
         batch: (u64, f64),
         truth: Option<&Rounds>,
@@ -359,7 +364,7 @@ impl<'gpu> PaneState<'gpu> {
             picture.layer = view.layer;
         }
         if matches!(view.layer, Layer::Light | Layer::Error) {
-            picture.auto_stops = Some(tonemap::auto_exposure(&picture.film));
+            picture.auto_stops = Some(auto_exposure(&picture.film, backdrop.as_ref()));
         }
         if view.layer == Layer::Lists {
             picture.film = Arc::new(show_lengths(&picture.film));
@@ -584,7 +589,7 @@ impl Worker {
             let interval = if compared { BETWEEN_ERRORS } else { BETWEEN };
             let truth = compared.then(|| reference_cache.add_truth_sample(&view.camera, &view.settings));
             if stats.samples >= ENOUGH || pane_state.shown.is_none_or(|shown| shown.elapsed() >= interval) {
-                let picture = pane_state.picture(view, &cached.engine, stats, batch, truth)?;
+                let picture = pane_state.picture(view, &cached, stats, batch, truth)?;
                 self.publish(view.pane, picture);
                 pane_state.shown = Some(Instant::now());
             }

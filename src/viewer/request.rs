@@ -186,7 +186,7 @@ pub struct Picture {
     pub film: Arc<Film>,
     /// Layer that it shows.
     pub layer: Layer,
-    /// Exposure that [`crate::tonemap::auto_exposure`] chooses for it, in stops; none if it is not the whole
+    /// Exposure that [`crate::exposure::auto_exposure`] chooses for it, in stops; none if it is not the whole
     /// picture.
     pub auto_stops: Option<f32>,
     /// Pixels of the pane per pixel of the film, along a side.

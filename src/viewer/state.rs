@@ -8,11 +8,12 @@ use super::outbox::{Note, Outbox};
 use super::render_thread::PANES;
 use super::request::{Edits, Layer, Machine, Pane, Picture, Request, SceneInfo, Source};
 use super::setting_controls::Chosen;
+use crate::exposure::Exposure;
 use crate::scene::{Camera, EnvironmentChange, FovAxis, Projection};
 use crate::settings::{Method, SIDES, Settings, Technique};
 use crate::staging::camera::AUTO;
 use crate::staging::{OrbitCamera, Staging};
-use crate::tonemap::{Exposure, Grade, Tonemap};
+use crate::tonemap::{Grade, Tonemap};
 
 /// Time after the last change for which the picture counts as moving.
 const SETTLES: Duration = Duration::from_millis(300);

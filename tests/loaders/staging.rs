@@ -6,6 +6,7 @@ use crate::common;
 
 use common::scenes::inverted;
 use glam::{Affine2, Affine3A, Vec3};
+use lightsheaf::exposure::{Backdrop, auto_exposure};
 use lightsheaf::reference::{Features, Reference, ReferenceSettings};
 use lightsheaf::scene::model::shapes;
 use lightsheaf::scene::{
@@ -13,7 +14,7 @@ use lightsheaf::scene::{
 };
 use lightsheaf::staging::camera::{self, Subject};
 use lightsheaf::staging::{self, CameraChoice, Staging};
-use lightsheaf::tonemap::{Grade, Tonemap, auto_exposure};
+use lightsheaf::tonemap::{Grade, Tonemap};
 
 const SIDE: u32 = 64;
 
@@ -356,7 +357,8 @@ fn every_kind_of_scene_is_in_the_picture() {
         if nearest < if subject == Subject::Room { 0.05 } else { 0.4 } * usual {
             wrong.push(format!("{name}: something is {nearest} m away, most of it {usual} m"));
         }
-        let grade = Grade { stops: auto_exposure(&film), tonemap: Tonemap::default() };
+        let backdrop = Backdrop::new(&staged, &staged.cameras[0], [SIDE, SIDE], None);
+        let grade = Grade { stops: auto_exposure(&film, backdrop.as_ref()), tonemap: Tonemap::default() };
         let picture = grade.picture(&film);
         let mut luminances: Vec<f32> = picture
             .chunks_exact(3)

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::f32::consts::PI;
 
+use lightsheaf::exposure::{Backdrop, Exposure};
 use lightsheaf::film::Film;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::gpu::{Gpu, PassTime};
@@ -11,7 +12,7 @@ use lightsheaf::render::{self, Renderer};
 use lightsheaf::scene::{self, Camera, Geometry, Scene, builtin};
 use lightsheaf::settings::{Method, Settings, Technique, Visibility};
 use lightsheaf::staging::{self, OrbitCamera, Staging};
-use lightsheaf::tonemap::{Exposure, Grade, Tonemap};
+use lightsheaf::tonemap::{Grade, Tonemap};
 use serde::Deserialize;
 use wasm_bindgen::prelude::wasm_bindgen;
 
@@ -185,7 +186,9 @@ impl Session {
     /// Returns the picture for a canvas, four bytes a pixel, at an exposure in stops; without one at that which
     /// suits it.
     pub fn pixels(&mut self, stops: Option<f32>) -> Vec<u8> {
-        self.stops = stops.map_or(Exposure::Auto, Exposure::Stops).stops(&self.film);
+        let backdrop =
+            || Backdrop::new(self.scene.as_ref()?, &self.moved()?, [self.film.width, self.film.height], None);
+        self.stops = stops.map_or(Exposure::Auto, Exposure::Stops).stops(&self.film, backdrop);
         let grade = Grade { stops: self.stops, tonemap: Tonemap::default() };
         grade.picture(&self.film).chunks_exact(3).flat_map(|pixel| [pixel[0], pixel[1], pixel[2], 255]).collect()
     }

@@ -21,6 +21,7 @@ use crate::cli::output;
 use crate::cli::preview::Preview;
 use crate::cli::progress::Reporter;
 use crate::cli::reference_renderer::ReferenceRenderer;
+use crate::exposure::{Backdrop, Exposure, auto_exposure};
 use crate::film::exr::{Picture, Window};
 use crate::film::filtered::FilteredFilm;
 use crate::film::record::{Record, SampleRange};
@@ -32,7 +33,7 @@ use crate::render::fingerprint;
 use crate::render::{self, RenderError, RenderStats, Renderer};
 use crate::scene::Scene;
 use crate::settings::{DEFAULT_BUDGET, DEFAULT_TARGET_ERROR, OnlyStrategy, Settings};
-use crate::tonemap::{Exposure, Grade, auto_exposure};
+use crate::tonemap::Grade;
 
 /// Render of a single picture.
 pub(super) struct Job<'a> {
@@ -127,8 +128,7 @@ impl Job<'_> {
         }
         let picture = files.iter().find(|path| has_extension(path, "exr")).and_then(|path| Picture::load(path).ok());
         let Some(picture) = picture.filter(|picture| self.is_complete(picture)) else { return false };
-        let (exposure, tonemap) = self.args.grade.chosen();
-        self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
+        self.grade.get_or_init(|| self.grade_of(&picture.film));
         if !self.args.quiet {
             eprintln!("{}: complete, and kept", shown_paths(&files));
         }
@@ -290,7 +290,19 @@ impl Job<'_> {
     pub(super) fn error_scale(&self, film: &Film) -> f32 {
         let Settings { target_error, budget, .. } = *self.settings;
         let by_default = (target_error, budget) == (Some(DEFAULT_TARGET_ERROR), Some(DEFAULT_BUDGET));
-        if by_default { auto_exposure(film).max(0.0).exp2() } else { 1.0 }
+        if by_default { auto_exposure(film, self.backdrop().as_ref()).max(0.0).exp2() } else { 1.0 }
+    }
+
+    /// Returns the exposure and the tone curve of a picture.
+    pub(super) fn grade_of(&self, film: &Film) -> Grade {
+        let (exposure, tonemap) = self.args.grade.chosen();
+        Grade { stops: exposure.stops(film, || self.backdrop()), tonemap }
+    }
+
+    /// Returns what the camera sees of the environment.
+    fn backdrop(&self) -> Option<Backdrop> {
+        let Settings { width, height, crop, camera, .. } = *self.settings;
+        Backdrop::new(self.scene, self.scene.cameras.get(camera)?, [width, height], crop)
     }
 
     /// Renders by the reference and writes the picture.
@@ -389,9 +401,8 @@ impl Job<'_> {
             );
         }
         let paths = self.files();
-        let (exposure, tonemap) = self.args.grade.chosen();
         let picture = self.picture(film)?;
-        let grade = self.grade.get_or_init(|| Grade { stops: exposure.stops(&picture.film), tonemap });
+        let grade = self.grade.get_or_init(|| self.grade_of(&picture.film));
         // Hashing a large scene takes seconds, and only an .exr holds the record.
         let record = paths
             .iter()
@@ -410,10 +421,10 @@ impl Job<'_> {
         if !self.args.quiet {
             let Seconds { load, setup, compile, render } = stats.seconds;
             let compiling = if compile < 0.1 { String::new() } else { format!("compiling shaders {compile:.2} s, ") };
-            let shown = match exposure {
+            let shown = match self.args.grade.chosen().0 {
                 _ if !self.args.writes_png() => String::new(),
-                Exposure::Auto => format!("; exposure {:+.2} stops (auto), {tonemap}", grade.stops),
-                Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {tonemap}"),
+                Exposure::Auto => format!("; exposure {:+.2} stops (auto), {}", grade.stops, grade.tonemap),
+                Exposure::Stops(stops) => format!("; exposure {stops:+} stops, {}", grade.tonemap),
             };
             eprintln!(
                 "{}: {}x{}, {} by {} on {}{shown}; load {load:.2} s, setup {setup:.2} s, {compiling}render {render:.2} s",

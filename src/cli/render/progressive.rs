@@ -16,7 +16,6 @@ use crate::gpu::Gpu;
 use crate::render::convergence::Convergence;
 use crate::render::{RenderError, Renderer};
 use crate::settings::{SAMPLES, Settings};
-use crate::tonemap::Grade;
 
 /// State of a progressive render.
 pub(super) struct ProgressiveRender<'a> {
@@ -267,9 +266,8 @@ impl Keeper {
     pub(super) fn write(&self, job: &Job, saved: &Saved, film: &Film, plan: &serde_json::Value) -> Result<()> {
         checkpoint::write(&checkpoint::path_of(&job.args.output[0]), &self.identity(job), saved)?;
         let record = job.record(Some(plan), saved.samples, saved.seconds, self.device.clone());
-        let (exposure, tonemap) = job.args.grade.chosen();
         let picture = Picture { record: Some(record), ..job.picture(film)? };
-        let grade = Grade { stops: exposure.stops(&picture.film), tonemap };
+        let grade = job.grade_of(&picture.film);
         job.args.output.iter().try_for_each(|path| save(path, &picture, &grade))
     }
 }

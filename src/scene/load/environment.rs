@@ -53,7 +53,11 @@ impl EnvironmentChange {
                     })?;
                     (Some(sky.map()), Some(sky.sun()))
                 }
-                _ => (Some(EnvironmentMap::load(Path::new(source))?), None),
+                _ => {
+                    let (map, warning) = EnvironmentMap::load(Path::new(source))?;
+                    scene.warnings.extend(warning);
+                    (Some(map), None)
+                }
             };
             scene.lights.extend(sun);
             scene.environment = map.map(|map| Environment {

@@ -139,6 +139,18 @@ impl Camera {
         let ndc = on_plane / self.half_extent(width, height);
         Some(Vec2::new(0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y))
     }
+
+    /// Returns the unit direction in world space of the ray, through the middle of the lens, that image coordinates as those
+    /// of [`Self::project`] show.
+    #[must_use]
+    pub fn direction(&self, at: Vec2, width: u32, height: u32) -> Vec3 {
+        let ndc = Vec2::new(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y);
+        let on_plane = match self.projection {
+            Projection::Perspective { .. } => ndc * self.half_extent(width, height),
+            Projection::Orthographic { .. } => Vec2::ZERO,
+        };
+        self.world_from_camera.transform_vector3(on_plane.extend(-1.0)).normalize()
+    }
 }
 
 #[cfg(test)]
@@ -158,11 +170,14 @@ mod tests {
         assert_eq!(pinhole.project(Vec3::ZERO, 20, 10), Some(Vec2::splat(0.5)));
         let corner = pinhole.project(Vec3::new(10.0, 5.0, 0.0), 20, 10).unwrap();
         assert!(corner.distance(Vec2::new(1.0, 0.0)) < 1e-5, "{corner}");
+        let ahead = pinhole.direction(corner, 20, 10);
+        assert!(ahead.distance(Vec3::new(10.0, 5.0, -5.0).normalize()) < 1e-5, "{ahead}");
         assert_eq!(pinhole.project(Vec3::new(0.0, 5.1, 0.0), 20, 10), None);
         assert_eq!(pinhole.project(Vec3::new(0.0, 0.0, 6.0), 20, 10), None);
         let parallel = camera(Projection::Orthographic { half_extent: Vec2::ONE });
         let left = parallel.project(Vec3::new(-2.0, -1.0, 9.0), 20, 10).unwrap();
         assert!(left.distance(Vec2::new(0.0, 1.0)) < 1e-5, "{left}");
+        assert_eq!(parallel.direction(left, 20, 10), Vec3::NEG_Z);
     }
 
     #[test]

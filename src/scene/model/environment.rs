@@ -1,9 +1,11 @@
 //! Environment lights: constant or mapped radiance from infinity.
 
+use std::f32::consts::{PI, TAU};
 use std::path::Path;
 
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 use image::ImageDecoder as _;
+use rayon::prelude::*;
 
 use crate::scene::model::error::LoadError;
 use crate::scene::model::texture::{linear_from_srgb, reserve};
@@ -44,6 +46,53 @@ pub struct Environment {
     pub world_from_environment: Mat3,
 }
 
+impl Environment {
+    /// Returns the radiance that arrives along `-direction`, a unit vector in world space.
+    #[must_use]
+    pub fn seen(&self, direction: Vec3) -> Vec3 {
+        let Some(map) = &self.map else { return self.radiance };
+        let at = self.coordinates(direction);
+        let (height, width) = (i64::from(map.height), i64::from(map.width));
+        let y = match map.rows {
+            Rows::Centred => at.y * map.height as f32 - 0.5,
+            Rows::AtPoles => at.y * (map.height - 1) as f32,
+        };
+        let x = at.x * map.width as f32 - 0.5;
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let texel = |dx: i64, dy: i64| {
+            let column = (x.floor() as i64 + dx).rem_euclid(width);
+            let row = (y.floor() as i64 + dy).clamp(0, height - 1);
+            Vec3::from(map.texels[(row * width + column) as usize])
+        };
+        let above = texel(0, 0) * (1.0 - fx) + texel(1, 0) * fx;
+        let below = texel(0, 1) * (1.0 - fx) + texel(1, 1) * fx;
+        self.radiance * (above * (1.0 - fy) + below * fy)
+    }
+
+    /// Returns the u and v coordinates in the map of a unit direction in world space.
+    #[must_use]
+    pub fn coordinates(&self, direction: Vec3) -> Vec2 {
+        let d = self.world_from_environment.transpose() * direction;
+        let u = (d.x.atan2(-d.z) / TAU).rem_euclid(1.0);
+        Vec2::new(u, d.y.clamp(-1.0, 1.0).acos() / PI)
+    }
+
+    /// Returns the mean radiance over all directions, of a map with rows at the poles as if they were centred.
+    #[must_use]
+    pub fn mean(&self) -> Vec3 {
+        let Some(map) = &self.map else { return self.radiance };
+        let rows = map.texels.par_chunks(map.width as usize).enumerate();
+        let theta = |row: usize| (row as f32 + 0.5) / map.height as f32 * PI;
+        let row = |(row, texels): (usize, &[[f32; 3]])| {
+            let sine = f64::from(theta(row).sin());
+            let sum: DVec3 = texels.iter().map(|&texel| Vec3::from(texel).as_dvec3()).sum();
+            (sum * sine, sine * texels.len() as f64)
+        };
+        let (sum, weight) = rows.map(row).reduce(|| (DVec3::ZERO, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        self.radiance * (sum / weight).as_vec3()
+    }
+}
+
 impl EnvironmentMap {
     /// Maximum number of texels. A larger map is an error, so that a small file cannot allocate arbitrary
     /// memory.
@@ -53,27 +102,39 @@ impl EnvironmentMap {
     ///
     /// # Errors
     /// A missing file is an error; otherwise as [`Self::decode`].
-    pub fn load(path: &Path) -> Result<Self, LoadError> {
+    pub fn load(path: &Path) -> Result<(Self, Option<String>), LoadError> {
         let bytes = std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))?;
         Self::decode(&bytes, path)
     }
 
     /// Decodes a Radiance `.hdr` file, an OpenEXR file with red, green and blue, or an eight-bit image read as
-    /// sRGB. The path names it in errors.
+    /// sRGB. The path names it in errors. Also returns a warning if there is no such radiance as a texel has:
+    /// negative values, which lossy compression and sharp filters leave, and NaN become 0, and infinite ones, as
+    /// the sun's in half precision, the largest other value.
     ///
     /// Rows are [`Rows::Centred`]; callers that know better overwrite the field.
     ///
     /// # Errors
-    /// A file that is damaged, too large, without colour, compressed with DWA, or that has a
-    /// negative or non-finite texel is an error.
-    pub fn decode(bytes: &[u8], path: &Path) -> Result<Self, LoadError> {
-        let map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(bytes) } else { Self::decode_image(bytes) }
+    /// A file that is damaged, too large or without colour is an error.
+    pub fn decode(bytes: &[u8], path: &Path) -> Result<(Self, Option<String>), LoadError> {
+        let mut map = if bytes.starts_with(&EXR_MAGIC) { Self::decode_exr(bytes) } else { Self::decode_image(bytes) }
             .map_err(|cause| LoadError::new(path, cause))?;
-        if let Some(i) = map.texels.iter().position(|t| !t.iter().all(|v| v.is_finite() && *v >= 0.0)) {
-            let (x, y) = (i % map.width as usize, i / map.width as usize);
-            return Err(LoadError::at(path, format!("texel ({x}, {y})"), "is negative or not finite"));
-        }
-        Ok(map)
+        let values = map.texels.as_flattened_mut();
+        let is_radiance = |value: f32| value.is_finite() && value >= 0.0;
+        let wrong = values.iter().filter(|&&value| !is_radiance(value)).count();
+        let warning = (wrong > 0).then(|| {
+            let largest = values.iter().copied().filter(|value| value.is_finite()).fold(0.0, f32::max);
+            for value in values.iter_mut().filter(|value| !is_radiance(**value)) {
+                *value = if *value == f32::INFINITY { largest } else { 0.0 };
+            }
+            format!(
+                "`{}`: {wrong} of {} values of the environment are negative or not finite; negative ones are drawn as 0, \
+                 infinite ones as the largest other value",
+                path.display(),
+                values.len()
+            )
+        });
+        Ok((map, warning))
     }
 
     fn decode_image(bytes: &[u8]) -> Result<Self, String> {
@@ -100,12 +161,9 @@ impl EnvironmentMap {
     }
 
     fn decode_exr(bytes: &[u8]) -> Result<Self, String> {
-        use exr::prelude::{Compression, ReadChannels, ReadLayers, Vec2};
+        use exr::prelude::{ReadChannels, ReadLayers, Vec2};
         let headers = exr::meta::MetaData::read_from_buffered(bytes, false).map_err(|e| e.to_string())?.headers;
         let Some(header) = headers.first() else { return Err("the file has no image".to_owned()) };
-        if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
-            return Err("the file is compressed with DWA, which is not supported; save it with ZIP or PIZ".to_owned());
-        }
         let pixels = header.layer_size.0 as u64 * header.layer_size.1 as u64;
         if pixels == 0 || pixels > Self::MAX_TEXELS {
             return Err(format!("the image has {pixels} pixels; 1 to {} are supported", Self::MAX_TEXELS));

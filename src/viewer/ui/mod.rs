@@ -206,12 +206,13 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use crate::exposure::Exposure;
     use crate::film::Film;
     use crate::render::renderer::RenderStats;
     use crate::scene::builtin;
     use crate::settings::Settings;
     use crate::staging::Staging;
-    use crate::tonemap::{Exposure, Tonemap};
+    use crate::tonemap::Tonemap;
     use crate::viewer::outbox::Outbox;
     use crate::viewer::request::{Machine, SceneInfo};
     use crate::viewer::state::Launch;

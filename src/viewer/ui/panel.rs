@@ -6,10 +6,11 @@ use glam::Vec3;
 
 use super::canvas::layer_name;
 use super::{Action, Interface, METHODS, report, settings};
+use crate::exposure::Exposure;
 use crate::scene::Light;
 use crate::scene::load::endings;
 use crate::settings::{OnlyStrategy, UNLIMITED};
-use crate::tonemap::{Exposure, Tonemap};
+use crate::tonemap::Tonemap;
 use crate::viewer::outbox::Note;
 use crate::viewer::request::Layer;
 use crate::viewer::state::{Playback, State};

@@ -280,9 +280,9 @@ impl<'a> Loader<'a> {
         let element = plugin.element;
         let name = plugin.string("filename")?.ok_or_else(|| element.error("an envmap needs a `filename`"))?;
         let map = if let Ok(path) = self.search.find(element, name) {
-            let mut map = EnvironmentMap::decode(&self.search.files.read(&path)?, &path)?;
-            map.rows = Rows::AtPoles;
-            Some(map)
+            let (map, warning) = EnvironmentMap::decode(&self.search.files.read(&path)?, &path)?;
+            warning.into_iter().for_each(|warning| self.warn(warning));
+            Some(EnvironmentMap { rows: Rows::AtPoles, ..map })
         } else {
             self.warn(format!("the sky's picture `{name}` is not there: an even sky is drawn instead"));
             None

@@ -128,19 +128,24 @@ impl<'a> Loader<'a> {
         self.tessellation(&plugin, &mut mesh)?;
         let world_from_local = affine(element, Some(to_world))?;
         let emitter = plugin.only("emitter")?;
+        plugin.ignore(&["silhouette_sampling_weight"]);
+        let [bounds_medium, scatters] = ["medium", "subsurface"].map(|tag| !plugin.nested(tag).is_empty());
+        // Before version 2 such a border is as the BSDF `null`, and others without a BSDF are grey.
+        if element.legacy && bounds_medium && !scatters && emitter.is_none() && plugin.nested("bsdf").is_empty() {
+            self.warn(format!(
+                "{}: a border of a participating medium alone, which is not supported; it is left out",
+                element.title()
+            ));
+            self.finish(&plugin);
+            return Ok(Vec::new());
+        }
+        if bounds_medium || scatters {
+            self.warn(format!("{}: participating media are not supported; only its surface is drawn", element.title()));
+        }
         let first = self.scene.meshes.len();
         for (bsdf, mut part) in self.parts(&plugin, mesh, &materials)? {
             self.shape_material(bsdf, emitter, &mut part, &world_from_local)?;
             self.scene.meshes.push(part);
-        }
-        plugin.ignore(&["silhouette_sampling_weight"]);
-        for tag in ["medium", "subsurface"] {
-            if !plugin.nested(tag).is_empty() {
-                self.warn(format!(
-                    "{}: participating media are not supported; only its surface is drawn",
-                    element.title()
-                ));
-            }
         }
         self.finish(&plugin);
         Ok((first..self.scene.meshes.len()).map(|mesh| Instance { mesh, world_from_local }).collect())

@@ -204,7 +204,7 @@ impl<'a> Loader<'a> {
         let bytes = self.search.files.read(&path)?;
         let image = if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
             self.warn(format!("the texture `{name}` is clamped to [0, 1] and stored with eight bits"));
-            let map = EnvironmentMap::decode(&bytes, &path)?;
+            let (map, _clamped) = EnvironmentMap::decode(&bytes, &path)?;
             let encode = |t: &[f32; 3]| {
                 let [r, g, b] = t.map(encode_srgb);
                 [r, g, b, 255]
