@@ -353,10 +353,33 @@ fn strips_and_fans_keep_their_winding() {
     let fan = draft.load("fan.gltf");
     assert_eq!(fan.meshes[0].triangles, [[1, 3, 0], [3, 2, 0]]);
     assert!(Geometry::new(&fan).vertices.iter().all(|v| v.normal == Vec3::Z));
+}
 
-    draft.primitive()["mode"] = json!(1);
-    let lines = draft.load("lines.gltf");
-    assert!(lines.meshes.is_empty() && warned(&lines, "points and lines") && warned(&lines, "no surface"));
+#[test]
+fn points_and_lines_are_drawn_where_there_is_nothing_else() {
+    let mut draft = Draft::new();
+    draft.attribute("POSITION", "VEC3", &[0., 0., 0., 1., 0., 0., 0., 1., 0., 1., 1., 0., 0., 2., 0.]);
+    draft.indices(&[0, 1, 3, 2]);
+    for (mode, triangles, said) in
+        [(0, 4 * 320, "4 points"), (1, 24, "2 lines"), (2, 48, "4 lines"), (3, 36, "3 lines")]
+    {
+        draft.primitive()["mode"] = json!(mode);
+        let scene = draft.load("strokes.gltf");
+        assert_eq!(scene.meshes[0].triangles.len(), triangles, "mode {mode}");
+        assert!(warned(&scene, said) && scene.instances.len() == 1, "{:?}", scene.warnings);
+    }
+    // Beside faces they are left out, and so are those that move.
+    let stroke = draft.primitive().clone();
+    let mut face = stroke.clone();
+    face["mode"] = json!(4);
+    draft.json["meshes"][0]["primitives"] = json!([stroke, face]);
+    let faces = draft.load("faces.gltf");
+    assert!(faces.meshes.len() == 1 && faces.meshes[0].triangles.len() == 1 && warned(&faces, "points and lines"));
+    let mut moving = stroke.clone();
+    moving["targets"] = json!([{ "POSITION": stroke["attributes"]["POSITION"] }]);
+    draft.json["meshes"][0]["primitives"] = json!([moving]);
+    let moving = draft.load("moving.gltf");
+    assert!(moving.meshes.is_empty() && warned(&moving, "points and lines") && warned(&moving, "no surface"));
 }
 
 #[test]

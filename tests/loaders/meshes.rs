@@ -228,18 +228,54 @@ fn ply_files_may_have_strips() {
     assert!(scene.meshes[0].normals.iter().all(|n| n.abs_diff_eq(Vec3::Z, 1e-6)), "{:?}", scene.meshes[0].normals);
     let error = load(format!("{}{corners}3 0 1 5\n", header(5, strips))).unwrap_err().to_string();
     assert!(error.contains("vertex 5 of 5"), "{error}");
-    // Points are told from files without anything.
-    let points = load(format!("{}{corners}", header(5, ""))).unwrap();
-    assert!(points.warnings.iter().any(|w| w.contains("5 points and no faces")), "{:?}", points.warnings);
+}
+
+/// Points of scanners, some of which are not known, and Gaussian splats, some of which are mostly transparent.
+#[test]
+fn points_of_ply_files_are_balls() {
+    let load = |properties: &[&str], points: &[&[f32]]| {
+        let mut file = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", points.len()).into_bytes();
+        for property in ["x", "y", "z"].iter().chain(properties) {
+            file.extend(format!("property float {property}\n").bytes());
+        }
+        file.extend(b"end_header\n");
+        file.extend(points.iter().copied().flatten().flat_map(|value| value.to_le_bytes()));
+        scene::load_bytes("scan.ply", &file, &|_| None).unwrap()
+    };
+    let unknown = [f32::NAN; 3];
+    let plain = load(&[], &[&[0., 0., 0.], &[1., 0., 0.], &[0., 1., 0.], &unknown, &[1., 1., 0.], &[0., 2., 0.]]);
+    let [lost, balls] = ["not finite are left out: 1", "5 points and no faces: they are drawn as balls"];
+    assert!(plain.warnings[0].contains(lost) && plain.warnings[1].contains(balls), "{:?}", plain.warnings);
+    assert_eq!(plain.meshes[0].triangles.len(), 5 * 320);
+    let splats = load(
+        &["f_dc_0", "f_dc_1", "f_dc_2", "opacity"],
+        &[
+            &[0., 0., 0., 1.772_453_9, 0., -1.772_453_9, 3.],
+            &[1., 0., 0., 0., 0., 0., -3.],
+            &[9., 0., 0., 0., 0., 0., 1.],
+        ],
+    );
+    let mesh = &splats.meshes[0];
+    assert_eq!(mesh.triangles.len(), 2 * 320);
+    let grey = 0.214_041_14; // of 0.5 in sRGB
+    assert!(mesh.colors[0].abs_diff_eq(glam::Vec4::new(1.0, grey, 0.0, 1.0), 1e-5), "{}", mesh.colors[0]);
 }
 
 #[test]
-fn points_and_lines_of_obj_files_are_told_from_files_without_anything() {
-    let warnings = |text: &str| scene::load_bytes("scan.obj", text.as_bytes(), &|_| None).unwrap().warnings;
-    let lines = warnings("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3\n");
-    assert!(lines.iter().any(|w| w.contains("3 points and no faces")), "{lines:?}");
-    let nothing = warnings("# empty\n");
-    assert!(!nothing.iter().any(|w| w.contains("no faces")), "{nothing:?}");
+fn points_and_lines_of_obj_files_without_faces_are_drawn() {
+    let drawn = |text: &str| {
+        let scene = scene::load_bytes("scan.obj", text.as_bytes(), &|_| None).unwrap();
+        (scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum::<usize>(), scene.warnings.join(", "))
+    };
+    let points = "v 0 0 0\nv 1 0 0 \nv 0 1 0\n";
+    let (tubes, said) = drawn(&format!("{points}usemtl a\nl 1 2 -1\n"));
+    assert!(tubes == 2 * 12 && said.contains("2 lines and no faces"), "{tubes}, {said}");
+    let (balls, said) = drawn(points);
+    assert!(balls == 3 * 320 && said.contains("3 points and no faces"), "{balls}, {said}");
+    let (faces, said) = drawn(&format!("{points}l 1 2\nf 1 2 3\n"));
+    assert!(faces == 1 && !said.contains("no faces"), "{faces}, {said}");
+    let (nothing, said) = drawn("# empty\n");
+    assert!(nothing == 0 && !said.contains("no faces"), "{said}");
 }
 
 #[test]

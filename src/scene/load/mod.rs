@@ -16,6 +16,7 @@ pub mod ies;
 pub mod meshes;
 pub mod mitsuba;
 pub mod sky;
+mod strokes;
 pub mod studio;
 
 /// A kind of scene file.
@@ -46,7 +47,7 @@ pub const FORMATS: [Format; 5] = [
     },
     Format {
         endings: &["ply"],
-        about: "PLY with its vertex colours",
+        about: "PLY with its vertex colours; clouds of points",
         load: |path, variant, files| no_variants(path, variant).and_then(|()| meshes::load_ply(path, files)),
     },
     Format {

@@ -180,7 +180,7 @@ impl CompressedPrimitive {
         let failed = |file: &File, cause: String| {
             file.error(&place, format!("KHR_draco_mesh_compression: {cause}: compress the file again"))
         };
-        // Points and lines are left out, compressed or not.
+        // Compressed points and lines are left out.
         if matches!(
             file.root.meshes[mesh].primitives[primitive].mode,
             Checked::Valid(Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip)

@@ -12,6 +12,7 @@ use super::file::File;
 use crate::scene::animation::{Deformation, MorphTarget, Skin};
 use crate::scene::check::MAX_TRIANGLES;
 use crate::scene::load::meshes::{face_along_normals, faces_against_normals};
+use crate::scene::load::strokes;
 use crate::scene::{LoadError, Mesh};
 
 /// Maximum number of triangle corners of one file. A larger file is an error, so that a small file cannot
@@ -57,9 +58,23 @@ pub(super) struct Budget {
     corners: usize,
     instances: usize,
     triangles: usize,
+    /// True if the file has points and lines alone.
+    strokes: Option<bool>,
 }
 
 impl Budget {
+    /// True if points and lines are drawn: the file has nothing else, and these neither move nor are compressed.
+    fn draws_strokes(&mut self, file: &File, primitive: &Primitive, wanted: Wanted<'_>) -> bool {
+        let moves = wanted.joints.is_some() || primitive.targets.as_ref().is_some_and(|targets| !targets.is_empty());
+        let positions = attribute(primitive, Semantic::Positions).and_then(|i| file.root.accessors.get(i.value()));
+        let is_there = positions.is_some_and(|accessor| accessor.buffer_view.is_some() || accessor.sparse.is_some());
+        let alone = || {
+            let mut primitives = file.root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+            primitives.all(|primitive| matches!(primitive.mode, Checked::Valid(mode) if is_stroke(mode)))
+        };
+        !moves && is_there && *self.strokes.get_or_insert_with(alone)
+    }
+
     /// Counts instances of some triangles; more than the file may have are an error, whose cause is returned.
     pub fn instantiate(&mut self, triangles: usize, instances: usize) -> Result<(), String> {
         self.instances = self.instances.saturating_add(instances);
@@ -142,7 +157,8 @@ pub(super) fn load(
     let Checked::Valid(mode) = primitive.mode else {
         return Err(file.error(place, "unknown mode"));
     };
-    if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
+    let is_stroke = is_stroke(mode);
+    if is_stroke && !budget.draws_strokes(file, primitive, wanted) {
         warnings.push("points and lines have no surface: they are left out".to_owned());
         return Ok(None);
     }
@@ -150,6 +166,10 @@ pub(super) fn load(
         warnings.push(format!("{place} has no POSITION: it is left out"));
         return Ok(None);
     };
+    if is_stroke {
+        let mesh = strokes(file, primitive, mode, place, &positions, budget, warnings)?;
+        return Ok(mesh.map(|mesh| (mesh, Deformation::default())));
+    }
     let mut triangles = read_triangles(file, primitive, mode, place, positions.count, warnings)?;
     if triangles.is_empty() {
         warnings.push(format!("{place} has no complete triangle: it is left out"));
@@ -165,6 +185,55 @@ pub(super) fn load(
     }
     let deformation = source.deformation(wanted, budget)?;
     Ok(Some((mesh, deformation)))
+}
+
+/// True for points and lines.
+fn is_stroke(mode: Mode) -> bool {
+    matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip)
+}
+
+/// Returns a primitive's points as balls and its lines as tubes; none if it has none.
+fn strokes(
+    file: &File,
+    primitive: &Primitive,
+    mode: Mode,
+    place: &str,
+    positions: &Accessor,
+    budget: &mut Budget,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Mesh>, LoadError> {
+    budget.corners = budget.corners.saturating_add(positions.count);
+    if budget.corners > MAX_CORNERS {
+        return Err(file.error(place, format!("the file has more than {MAX_CORNERS} points")));
+    }
+    let places = match primitive.indices {
+        Some(index) => read_indices(file, index, place, positions.count)?,
+        None => (0..positions.count as u32).collect(),
+    };
+    let points: Vec<Vec3> = places.iter().map(|&v| positions.floats::<3>(v as usize, 0.0).into()).collect();
+    let colors = match open(file, primitive, place, Semantic::Colors(0), &[3, 4])? {
+        Some(colors) if colors.count == positions.count => {
+            places.iter().map(|&v| colors.floats::<4>(v as usize, 1.0).into()).collect()
+        }
+        _ => Vec::new(),
+    };
+    let count = points.len() as u32;
+    let lines: Vec<[u32; 2]> = match mode {
+        Mode::Lines => (0..count / 2).map(|i| [2 * i, 2 * i + 1]).collect(),
+        Mode::LineStrip => (1..count).map(|i| [i - 1, i]).collect(),
+        Mode::LineLoop => (0..count).map(|i| [i, (i + 1) % count]).collect(),
+        _ => Vec::new(),
+    };
+    let (mesh, said) = match mode {
+        Mode::Points => strokes::balls(&points, &colors),
+        _ => strokes::tubes(&points, &lines, &colors),
+    };
+    budget.corners += 3 * mesh.triangles.len();
+    if mesh.triangles.is_empty() {
+        return Ok(None);
+    }
+    warnings.push(said);
+    Ok(Some(mesh))
 }
 
 /// Reads a primitive's triangles: its indices, if any, in the topology of its mode.

@@ -58,8 +58,7 @@ pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
 /// # Errors
 /// A file that is missing or malformed is an error with its place.
 pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let ply::Parsed { mut mesh, texture } = ply::parse(path, &files.read(path)?)?;
-    let points = mesh.positions.len();
+    let ply::Parsed { mut mesh, texture, warnings } = ply::parse(path, &files.read(path)?)?;
     // v points up in the file.
     mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     if mesh.normals.is_empty() {
@@ -67,7 +66,7 @@ pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     }
     face_along_normals(&mut mesh);
     decode_colors(&mut mesh);
-    let mut scene = Scene::default();
+    let mut scene = Scene { warnings, ..Scene::default() };
     let mut material = plain("mesh", reflectance_without_material(&mesh));
     if let Some(name) = texture.filter(|_| !mesh.uvs[0].is_empty())
         && let Some(image) = add_image(&name, path.parent().unwrap_or(Path::new("")), files, &mut scene)
@@ -76,9 +75,6 @@ pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         mesh.colors.clear();
         let texture = Some(texture_of(image, true, &mut scene));
         material.bsdf = Bsdf::Diffuse { reflectance: Color { factor: Vec3::ONE, texture } };
-    }
-    if mesh.triangles.is_empty() && points > 0 {
-        scene.warn(points_alone(points));
     }
     scene.materials.push(material);
     add(&mut scene, mesh);
@@ -96,11 +92,6 @@ pub fn load_stl(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     scene.materials.push(plain("mesh", reflectance_without_material(&mesh)));
     add(&mut scene, mesh);
     Ok(scene)
-}
-
-/// Returns what to say of a file that has points and no faces.
-fn points_alone(points: usize) -> String {
-    format!("the file has {points} points and no faces, so that there is no surface: make a mesh of them")
 }
 
 /// Returns a text file in UTF-8, without the mark of its encoding: programs of Windows write UTF-16, too.

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3, Vec4};
 
+use crate::scene::load::strokes;
 use crate::scene::{LoadError, Mesh};
 
 /// Position, texture coordinate and normal index of a corner.
@@ -46,7 +47,7 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
 ///
 /// If only some corners have a normal, the mesh has none; a missing texture coordinate is zero, and a missing colour, or one
 /// that is no number, white. Those that a corner refers to and that the file does not have are missing, too. Faces of less
-/// than three corners show nothing.
+/// than three corners show nothing. Without faces, lines are tubes, and without these points are balls.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     // Of positions, as many as the last one that has a colour needs.
@@ -57,6 +58,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     let mut polygon: Vec<u32> = Vec::new();
     let (mut materials, mut libraries) = (Vec::new(), Vec::new());
     let (mut lost, mut edges, mut colorless) = (0_usize, 0_usize, 0_usize);
+    let mut segments: Vec<[u32; 2]> = Vec::new();
     let mut lines = bytes.split(|&b| b == b'\n').map(statement).enumerate();
     while let Some((number, mut line)) = lines.next() {
         let error = |cause: String| LoadError::at(path, format!("line {}", number + 1), cause);
@@ -119,6 +121,12 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                 let pairs = polygon.get(1..).unwrap_or_default().windows(2);
                 mesh.triangles.extend(pairs.map(|pair| [polygon[0], pair[0], pair[1]]));
             }
+            Some("l") => {
+                let counts = [positions.len(), uvs.len(), normals.len()];
+                let ends: Result<Vec<_>, _> = words.map(|word| corner(word, counts, &mut lost)).collect();
+                let ends: Vec<u32> = ends.map_err(&error)?.iter().filter_map(|corner| corner[0]).collect();
+                segments.extend(ends.windows(2).map(|pair| [pair[0], pair[1]]));
+            }
             Some("usemtl") => materials.push((words.collect::<Vec<_>>().join(" "), mesh.triangles.len())),
             Some("mtllib") => libraries.push(words.collect::<Vec<_>>().join(" ")),
             _ => {}
@@ -138,7 +146,15 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     }
     let mut warnings = Vec::new();
     if mesh.triangles.is_empty() && edges == 0 && !positions.is_empty() {
-        warnings.push(super::points_alone(positions.len()));
+        if !colors.is_empty() {
+            colors.resize(positions.len(), Vec4::ONE);
+        }
+        let (strokes, said) = match segments.is_empty() {
+            true => strokes::balls(&positions, &colors),
+            false => strokes::tubes(&positions, &segments, &colors),
+        };
+        mesh = strokes;
+        warnings.push(said);
     }
     if lost > 0 {
         warnings.push(format!(

@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3, Vec4};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 
+use crate::scene::load::strokes;
 use crate::scene::model::tangents;
 use crate::scene::{LoadError, Mesh};
 
@@ -16,11 +17,14 @@ pub(in crate::scene) struct Parsed {
     pub mesh: Mesh,
     /// Name of its texture, which MeshLab and others write as a comment.
     pub texture: Option<String>,
+    /// What is left out, or not drawn as it is.
+    pub warnings: Vec<String>,
 }
 
 /// Parses a mesh. Texture coordinates stay unchanged.
 ///
-/// Polygons are split into fans. Errors name the line of an ASCII file, and the vertex or face of a binary
+/// Polygons are split into fans. Points of a file without faces are balls, of clouds of Gaussian splats those that are mostly
+/// opaque (Kerbl et al. 2023). Errors name the line of an ASCII file, and the vertex or face of a binary
 /// one.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
     let at_line = |e: ParseError| match e.line() {
@@ -73,14 +77,20 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     if vertices.len() > u32::MAX as usize {
         return Err(LoadError::new(path, "has more vertices than 32 bits can count"));
     }
-    for (i, vertex) in vertices.iter().enumerate() {
-        if !(vertex.position.is_finite()
-            && vertex.normal.is_finite()
-            && vertex.uv.is_finite()
-            && vertex.color.is_finite())
-        {
-            return Err(LoadError::at(path, format!("vertex {i}"), "has a number that is not finite"));
+    let mut warnings = Vec::new();
+    let is_cloud = faces.is_empty() && strips.is_empty();
+    if is_cloud {
+        // Scanners write `nan` where they see nothing.
+        let all = vertices.len();
+        vertices.retain(Vertex::is_finite);
+        if vertices.len() < all {
+            warnings.push(format!("points that are not finite are left out: {}", all - vertices.len()));
         }
+        if has("vertex", &SPLAT_COLOR) {
+            vertices.retain(|vertex| vertex.opacity > 0.0);
+        }
+    } else if let Some(i) = vertices.iter().position(|vertex| !vertex.is_finite()) {
+        return Err(LoadError::at(path, format!("vertex {i}"), "has a number that is not finite"));
     }
     let mut mesh = Mesh { positions: vertices.iter().map(|v| v.position).collect(), ..Mesh::default() };
     if has("vertex", &["nx", "ny", "nz"]) {
@@ -100,8 +110,13 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     if faces.iter().any(|face| !face.uvs.is_empty()) {
         give_uvs_to_corners(&faces, &mut mesh);
     }
+    if is_cloud && !mesh.positions.is_empty() {
+        let (balls, said) = strokes::balls(&mesh.positions, &mesh.colors);
+        mesh = balls;
+        warnings.push(said);
+    }
     let texture = |comment: &String| Some(comment.trim().strip_prefix("TextureFile")?.trim().to_owned());
-    Ok(Parsed { mesh, texture: header.comments.iter().find_map(texture) })
+    Ok(Parsed { mesh, texture: header.comments.iter().find_map(texture), warnings })
 }
 
 /// Gives corners of triangles the texture coordinates that faces have for them: vertices that have several become several.
@@ -183,18 +198,31 @@ fn smallest(element: &ElementDef, encoding: Encoding) -> usize {
 }
 
 const UV_NAMES: [[&str; 2]; 3] = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
-const COLOR_NAMES: [[&str; 3]; 3] = [["red", "green", "blue"], ["r", "g", "b"], ["color_0", "color_1", "color_2"]];
+const COLOR_NAMES: [[&str; 3]; 4] =
+    [["red", "green", "blue"], ["r", "g", "b"], ["color_0", "color_1", "color_2"], SPLAT_COLOR];
+
+/// Coefficients of the constant spherical harmonic of a Gaussian splat's colour, and that harmonic.
+const SPLAT_COLOR: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
+const HARMONIC: f32 = 0.282_094_8;
 
 struct Vertex {
     position: Vec3,
     normal: Vec3,
     uv: Vec2,
     color: Vec4,
+    /// Of a Gaussian splat, the logarithm of the odds.
+    opacity: f32,
+}
+
+impl Vertex {
+    fn is_finite(&self) -> bool {
+        self.position.is_finite() && self.normal.is_finite() && self.uv.is_finite() && self.color.is_finite()
+    }
 }
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: Vec3::ZERO, normal: Vec3::ZERO, uv: Vec2::ZERO, color: Vec4::ONE }
+        Self { position: Vec3::ZERO, normal: Vec3::ZERO, uv: Vec2::ZERO, color: Vec4::ONE, opacity: f32::INFINITY }
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
@@ -217,6 +245,10 @@ impl PropertyAccess for Vertex {
             "red" | "r" | "color_0" => self.color.x = value / full,
             "green" | "g" | "color_1" => self.color.y = value / full,
             "blue" | "b" | "color_2" => self.color.z = value / full,
+            "f_dc_0" => self.color.x = 0.5 + HARMONIC * value,
+            "f_dc_1" => self.color.y = 0.5 + HARMONIC * value,
+            "f_dc_2" => self.color.z = 0.5 + HARMONIC * value,
+            "opacity" => self.opacity = value,
             _ => return PropertyAccessResult::Ignored,
         }
         PropertyAccessResult::Set

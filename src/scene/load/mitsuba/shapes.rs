@@ -205,7 +205,11 @@ impl<'a> Loader<'a> {
                 materials = parsed.materials;
                 (parsed.mesh, false)
             }
-            "ply" => (ply::parse(&path, &bytes)?.mesh, false),
+            "ply" => {
+                let parsed = ply::parse(&path, &bytes)?;
+                parsed.warnings.iter().for_each(|warning| self.warn(format!("`{name}`: {warning}")));
+                (parsed.mesh, false)
+            }
             _ => {
                 let index = plugin.integer("shape_index")?.unwrap_or(0);
                 let index = usize::try_from(index).map_err(|_| element.error("shape_index is negative"))?;
