@@ -355,6 +355,27 @@ fn strips_and_fans_keep_their_winding() {
     assert!(Geometry::new(&fan).vertices.iter().all(|v| v.normal == Vec3::Z));
 }
 
+/// Maps place tiles by the centre of the Earth.
+#[test]
+fn nodes_far_from_the_origin_are_moved_there() {
+    let mut draft = Draft::triangle();
+    let far = json!([4_000_000.0, 100.0, 4_900_000.0]);
+    draft.json["nodes"] = json!([
+        { "translation": far, "children": [1, 2] },
+        { "mesh": 0, "translation": [0.125, 0, 0] },
+        { "mesh": 0, "translation": [0, 0, 2.0625] },
+    ]);
+    draft.json["scenes"] = json!([{ "nodes": [0] }]);
+    let scene = draft.load("far.gltf");
+    let [a, b] = [0, 1].map(|i| Vec3::from(scene.instances[i].world_from_local.translation));
+    assert_eq!(b - a, Vec3::new(-0.125, 0.0, 2.0625));
+    assert!(
+        a.length() < 2.0 && scene.notes.iter().any(|note| note.contains("far from the origin")),
+        "{a}, {:?}",
+        scene.notes
+    );
+}
+
 #[test]
 fn points_and_lines_are_drawn_where_there_is_nothing_else() {
     let mut draft = Draft::new();

@@ -261,6 +261,28 @@ fn points_of_ply_files_are_balls() {
     assert!(mesh.colors[0].abs_diff_eq(glam::Vec4::new(1.0, grey, 0.0, 1.0), 1e-5), "{}", mesh.colors[0]);
 }
 
+/// Coordinates of surveyors have more digits than 32 bits.
+#[test]
+fn meshes_far_from_the_origin_keep_their_digits() {
+    let [x, y] = [500_000.25, 5_400_000.75];
+    let obj = format!("v {x} {y} 300.1\nv {} {y} 300.1\nv {x} {} 300.1\nf 1 2 3\n", x + 0.5, y + 0.5);
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n\
+                  element face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    let ply = format!("{header}{x} {y} 300.1\n{} {y} 300.1\n{x} {} 300.1\n3 0 1 2\n", x + 0.5, y + 0.5);
+    for (name, text) in [("far.obj", obj), ("far.ply", ply)] {
+        let scene = scene::load_bytes(name, text.as_bytes(), &|_| None).unwrap();
+        let [a, b, c] = [0, 1, 2].map(|i| scene.meshes[0].positions[i]);
+        assert!(
+            (b - a).abs_diff_eq(0.5 * Vec3::X, 1e-6) && (c - a).abs_diff_eq(0.5 * Vec3::Y, 1e-6),
+            "{name}: {a}, {b}, {c}"
+        );
+        assert!(a.length() < 1.0, "{name}: {a}");
+        assert!(scene.notes.iter().any(|note| note.contains(", -5400001, -300]")), "{name}: {:?}", scene.notes);
+    }
+    let near = scene::load_bytes("near.obj", b"v 0 0 900\nv 1 0 900\nv 0 1 900\nf 1 2 3\n", &|_| None).unwrap();
+    assert!(near.meshes[0].positions[0].z == 900.0 && near.notes.is_empty(), "{:?}", near.notes);
+}
+
 #[test]
 fn points_and_lines_of_obj_files_without_faces_are_drawn() {
     let drawn = |text: &str| {

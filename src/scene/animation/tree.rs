@@ -1,6 +1,6 @@
 //! Node trees and the skins that refer to them.
 
-use glam::{Affine3A, Mat4, Quat, Vec3};
+use glam::{Affine3A, DAffine3, DVec3, Mat4, Quat, Vec3};
 
 /// A node's local transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +37,8 @@ pub struct Tree {
     pub(super) nodes: Vec<(Local, Option<usize>)>,
     /// Node indices, parents before their children.
     order: Vec<usize>,
+    /// Where the world's origin is in the space of the nodes without parents.
+    origin: DVec3,
 }
 
 impl Tree {
@@ -60,7 +62,13 @@ impl Tree {
         }
         let mut reached = vec![false; nodes.len()];
         order.iter().for_each(|&node| reached[node] = true);
-        reached.iter().position(|reached| !reached).map_or(Ok(Self { nodes, order }), Err)
+        reached.iter().position(|reached| !reached).map_or(Ok(Self { nodes, order, origin: DVec3::ZERO }), Err)
+    }
+
+    /// Moves the world's origin to a place.
+    #[must_use]
+    pub fn around(self, origin: DVec3) -> Self {
+        Self { origin: self.origin + origin, ..self }
     }
 
     /// Returns the world-from-node transform of each node in the rest pose.
@@ -71,12 +79,12 @@ impl Tree {
 
     /// Returns the world-from-node transform of each node for the given local transforms.
     pub(super) fn place(&self, locals: &[Local]) -> Vec<Affine3A> {
-        let mut world = vec![Affine3A::IDENTITY; locals.len()];
+        let mut world = vec![DAffine3::from_translation(-self.origin); locals.len()];
         for &node in &self.order {
-            let own = locals[node].matrix();
-            world[node] = self.nodes[node].1.map_or(own, |parent| world[parent] * own);
+            let parent = self.nodes[node].1.map_or(world[node], |parent| world[parent]);
+            world[node] = parent * locals[node].matrix().as_daffine3();
         }
-        world
+        world.iter().map(DAffine3::as_affine3a).collect()
     }
 }
 

@@ -10,6 +10,7 @@ use crate::scene::model::error::LoadError;
 use crate::scene::model::scene::Scene;
 
 pub mod environment;
+mod far;
 pub mod files;
 pub mod gltf;
 pub mod ies;
@@ -104,7 +105,9 @@ pub fn load_bytes(name: &str, bytes: &[u8], resolver: &Resolver) -> Result<Scene
 fn read(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Scene, LoadError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
     let format = FORMATS.iter().find(|format| format.endings.contains(&extension.as_str()));
-    let cause = || format!("not a scene: expected {} or builtin:NAME", endings());
+    let cause = || {
+        format!("not a scene: expected {} or builtin:NAME; Blender and others convert most files to .glb", endings())
+    };
     (format.ok_or_else(|| LoadError::new(path, cause()))?.load)(path, variant, files)
 }
 

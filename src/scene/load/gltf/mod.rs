@@ -33,6 +33,7 @@ use self::file::File;
 use self::material::Materials;
 use self::mesh::{Budget, Wanted};
 use crate::scene::animation::{AttachedLight, Deformation, Local, Rig, Shape, Tree};
+use crate::scene::load::far;
 use crate::scene::load::files::Files;
 use crate::scene::model::tangents;
 use crate::scene::model::transform::rigid;
@@ -96,6 +97,11 @@ pub fn load(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Sce
     let variant = pick_variant(&file, &mut scene, variant)?;
     file.load_buffers()?;
     let tree = node_tree(&file)?;
+    let shows = |node: &json::Node| node.mesh.is_some();
+    let places = tree.rest().into_iter().zip(&file.root.nodes).filter(|(_, node)| shows(node));
+    let origin = far::origin(places.map(|(world, _)| world.translation.as_dvec3()));
+    scene.notes.extend(far::said(origin));
+    let tree = tree.around(origin);
     let world = tree.rest();
     if let Some(i) = world.iter().position(|w| !w.is_finite()) {
         return Err(file.error(format!("nodes[{i}]"), "the transform is not finite"));

@@ -8,6 +8,7 @@ use std::path::Path;
 
 use glam::{Affine2, Affine3A, Vec3};
 
+use super::far;
 use super::files::{Files, find};
 use crate::scene::model::normals::add_creased_normals;
 use crate::scene::model::tangents;
@@ -29,12 +30,14 @@ const GREY: f32 = 0.6;
 /// # Errors
 /// A file that is missing or malformed is an error with its line.
 pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let obj::Parsed { mut mesh, materials, libraries, warnings } = obj::parse(path, &in_utf8(files.read(path)?))?;
+    let obj::Parsed { mut mesh, origin, materials, libraries, warnings } =
+        obj::parse(path, &in_utf8(files.read(path)?))?;
     // v points up in the file.
     mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     face_along_normals(&mut mesh);
     decode_colors(&mut mesh);
-    let mut scene = Scene { warnings, ..Scene::default() };
+    let notes = far::said(origin).into_iter().collect();
+    let mut scene = Scene { warnings, notes, ..Scene::default() };
     let mut library = mtl::Library::new(reflectance_without_material(&mesh));
     for name in &libraries {
         library.read(path, name, files, &mut scene)?;
@@ -58,7 +61,7 @@ pub fn load_obj(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
 /// # Errors
 /// A file that is missing or malformed is an error with its place.
 pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let ply::Parsed { mut mesh, texture, warnings } = ply::parse(path, &files.read(path)?)?;
+    let ply::Parsed { mut mesh, origin, texture, warnings } = ply::parse(path, &files.read(path)?)?;
     // v points up in the file.
     mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     if mesh.normals.is_empty() {
@@ -66,7 +69,8 @@ pub fn load_ply(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     }
     face_along_normals(&mut mesh);
     decode_colors(&mut mesh);
-    let mut scene = Scene { warnings, ..Scene::default() };
+    let notes = far::said(origin).into_iter().collect();
+    let mut scene = Scene { warnings, notes, ..Scene::default() };
     let mut material = plain("mesh", reflectance_without_material(&mesh));
     if let Some(name) = texture.filter(|_| !mesh.uvs[0].is_empty())
         && let Some(image) = add_image(&name, path.parent().unwrap_or(Path::new("")), files, &mut scene)

@@ -7,9 +7,9 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use crate::scene::load::strokes;
+use crate::scene::load::{far, strokes};
 use crate::scene::{LoadError, Mesh};
 
 /// Position, texture coordinate and normal index of a corner.
@@ -17,8 +17,10 @@ type Corner = [Option<u32>; 3];
 
 /// What an OBJ file holds.
 pub(in crate::scene) struct Parsed {
-    /// All of its triangles.
+    /// All of its triangles, relative to `origin`.
     pub mesh: Mesh,
+    /// A place near them, if they are far from the file's own origin; else zero.
+    pub origin: DVec3,
     /// Names of materials, each with its first triangle; a material extends to the next one's first triangle.
     pub materials: Vec<(String, usize)>,
     /// Names of material files.
@@ -49,7 +51,7 @@ pub(in crate::scene) fn parts<'m>(mesh: &Mesh, materials: &'m [(String, usize)])
 /// that is no number, white. Those that a corner refers to and that the file does not have are missing, too. Faces of less
 /// than three corners show nothing. Without faces, lines are tubes, and without these points are balls.
 pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadError> {
-    let (mut positions, mut uvs, mut normals) = (Vec::<Vec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
+    let (mut positions, mut uvs, mut normals) = (Vec::<DVec3>::new(), Vec::<Vec2>::new(), Vec::<Vec3>::new());
     // Of positions, as many as the last one that has a colour needs.
     let mut colors: Vec<Vec4> = Vec::new();
     let mut corners: Vec<Corner> = Vec::new();
@@ -68,12 +70,12 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             line = format!("{begun} {rest}").into();
         }
         let mut words = line.split_whitespace();
-        let numbers = |words: std::str::SplitWhitespace, finite: bool| -> Result<[f32; 3], LoadError> {
-            let mut out = [0.0_f32; 3];
+        let numbers = |words: std::str::SplitWhitespace, finite: bool| -> Result<[f64; 3], LoadError> {
+            let mut out = [0.0_f64; 3];
             let mut count = 0;
             for (slot, word) in out.iter_mut().zip(words) {
                 *slot = word.parse().map_err(|_| error(format!("`{word}` is not a number")))?;
-                if finite && !slot.is_finite() {
+                if finite && !(*slot as f32).is_finite() {
                     return Err(error(format!("`{word}` is not finite")));
                 }
                 count += 1;
@@ -81,7 +83,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             let needed = if line.trim_start().starts_with("vt") { 1 } else { 3 };
             if count < needed { Err(error(format!("{needed} numbers are expected, not {count}"))) } else { Ok(out) }
         };
-        let floats = |words| numbers(words, true);
+        let floats = |words| Ok::<_, LoadError>(numbers(words, true)?.map(|value| value as f32));
         match words.next() {
             Some("v") => {
                 // A colour may follow the position; a fourth number alone is a weight.
@@ -91,11 +93,11 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
                     color.nth(2);
                     colors.resize(positions.len(), Vec4::ONE);
                     // Some files have `nan` where no colour is known.
-                    let color = Vec3::from(numbers(color, false)?);
+                    let color = DVec3::from(numbers(color, false)?).as_vec3();
                     colorless += usize::from(!color.is_finite());
                     colors.push(if color.is_finite() { color.extend(1.0) } else { Vec4::ONE });
                 }
-                positions.push(floats(words)?.into());
+                positions.push(numbers(words, true)?.into());
             }
             Some("vn") => normals.push(Vec3::from(floats(words)?).normalize_or_zero()),
             Some("vt") => {
@@ -132,6 +134,8 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
             _ => {}
         }
     }
+    let origin = far::origin(positions.iter().copied());
+    let positions: Vec<Vec3> = positions.into_iter().map(|position| (position - origin).as_vec3()).collect();
     let position = |c: &Corner| c[0].map_or(Vec3::ZERO, |i| positions[i as usize]);
     mesh.positions = corners.iter().map(position).collect();
     if !colors.is_empty() {
@@ -167,7 +171,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     if edges > 0 {
         warnings.push(format!("faces of less than three corners are left out: {edges}"));
     }
-    Ok(Parsed { mesh, materials, libraries, warnings })
+    Ok(Parsed { mesh, origin, materials, libraries, warnings })
 }
 
 /// Returns a line without its comment. Names may be in any encoding; numbers are ASCII.

@@ -4,17 +4,20 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 
-use crate::scene::load::strokes;
+use crate::scene::load::{far, strokes};
 use crate::scene::model::tangents;
 use crate::scene::{LoadError, Mesh};
 
 /// What a PLY file holds.
 pub(in crate::scene) struct Parsed {
+    /// Relative to `origin`.
     pub mesh: Mesh,
+    /// A place near the vertices, if they are far from the file's own origin; else zero.
+    pub origin: DVec3,
     /// Name of its texture, which MeshLab and others write as a comment.
     pub texture: Option<String>,
     /// What is left out, or not drawn as it is.
@@ -92,7 +95,9 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     } else if let Some(i) = vertices.iter().position(|vertex| !vertex.is_finite()) {
         return Err(LoadError::at(path, format!("vertex {i}"), "has a number that is not finite"));
     }
-    let mut mesh = Mesh { positions: vertices.iter().map(|v| v.position).collect(), ..Mesh::default() };
+    let origin = far::origin(vertices.iter().map(|v| v.position));
+    let positions = vertices.iter().map(|v| (v.position - origin).as_vec3()).collect();
+    let mut mesh = Mesh { positions, ..Mesh::default() };
     if has("vertex", &["nx", "ny", "nz"]) {
         mesh.normals = vertices.iter().map(|v| v.normal.normalize_or_zero()).collect();
     }
@@ -116,7 +121,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
         warnings.push(said);
     }
     let texture = |comment: &String| Some(comment.trim().strip_prefix("TextureFile")?.trim().to_owned());
-    Ok(Parsed { mesh, texture: header.comments.iter().find_map(texture), warnings })
+    Ok(Parsed { mesh, origin, texture: header.comments.iter().find_map(texture), warnings })
 }
 
 /// Gives corners of triangles the texture coordinates that faces have for them: vertices that have several become several.
@@ -206,7 +211,7 @@ const SPLAT_COLOR: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
 const HARMONIC: f32 = 0.282_094_8;
 
 struct Vertex {
-    position: Vec3,
+    position: DVec3,
     normal: Vec3,
     uv: Vec2,
     color: Vec4,
@@ -216,13 +221,13 @@ struct Vertex {
 
 impl Vertex {
     fn is_finite(&self) -> bool {
-        self.position.is_finite() && self.normal.is_finite() && self.uv.is_finite() && self.color.is_finite()
+        self.position.as_vec3().is_finite() && self.normal.is_finite() && self.uv.is_finite() && self.color.is_finite()
     }
 }
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
-        Self { position: Vec3::ZERO, normal: Vec3::ZERO, uv: Vec2::ZERO, color: Vec4::ONE, opacity: f32::INFINITY }
+        Self { position: DVec3::ZERO, normal: Vec3::ZERO, uv: Vec2::ZERO, color: Vec4::ONE, opacity: f32::INFINITY }
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
@@ -233,10 +238,14 @@ impl PropertyAccess for Vertex {
             Property::UShort(_) => 65535.0,
             _ => 1.0,
         };
+        let position = match property {
+            Property::Double(position) => position,
+            _ => value.into(),
+        };
         match name {
-            "x" => self.position.x = value,
-            "y" => self.position.y = value,
-            "z" => self.position.z = value,
+            "x" => self.position.x = position,
+            "y" => self.position.y = position,
+            "z" => self.position.z = position,
             "nx" => self.normal.x = value,
             "ny" => self.normal.y = value,
             "nz" => self.normal.z = value,

@@ -27,6 +27,12 @@ pub(super) enum ShapeMaterial {
     Bumped(Box<Surface>),
 }
 
+/// Returns a mesh whose positions are relative to a place.
+fn at(origin: DVec3, mesh: Mesh) -> Mesh {
+    let positions = mesh.positions.iter().map(|position| (position.as_dvec3() + origin).as_vec3()).collect();
+    Mesh { positions, ..mesh }
+}
+
 /// A mesh, and the names of its materials with the triangles at which each begins.
 type Named = (Mesh, Vec<(String, usize)>);
 
@@ -203,12 +209,12 @@ impl<'a> Loader<'a> {
                 let parsed = obj::parse(&path, &bytes)?;
                 parsed.warnings.iter().for_each(|warning| self.warn(format!("`{name}`: {warning}")));
                 materials = parsed.materials;
-                (parsed.mesh, false)
+                (at(parsed.origin, parsed.mesh), false)
             }
             "ply" => {
                 let parsed = ply::parse(&path, &bytes)?;
                 parsed.warnings.iter().for_each(|warning| self.warn(format!("`{name}`: {warning}")));
-                (parsed.mesh, false)
+                (at(parsed.origin, parsed.mesh), false)
             }
             _ => {
                 let index = plugin.integer("shape_index")?.unwrap_or(0);
