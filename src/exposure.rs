@@ -97,17 +97,21 @@ pub struct Backdrop {
 
 impl Backdrop {
     /// Returns the backdrop of a picture of `width` columns and `height` rows, or of a crop of it; none if the scene has
-    /// no environment.
+    /// no environment, or a black one.
     #[must_use]
     pub fn new(scene: &Scene, camera: &Camera, [width, height]: [u32; 2], crop: Option<Crop>) -> Option<Self> {
         let environment = scene.environment.as_ref()?;
+        let card = KEY * environment.mean().dot(LUMINANCE);
+        if card <= 0.0 {
+            return None;
+        }
         let crop = crop.unwrap_or(Crop::whole(width, height));
         let middle = |pixel: u32| Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         let size = Vec2::new(width as f32, height as f32);
         let seen = |pixel| environment.seen(camera.direction(middle(pixel) / size, width, height)).to_array();
         let pixels: Vec<_> = crop.pixels(width).collect();
         let film = Film { width: crop.width, height: crop.height, pixels: pixels.into_par_iter().map(seen).collect() };
-        Some(Self { film, card: KEY * environment.mean().dot(LUMINANCE) })
+        Some(Self { film, card })
     }
 
     /// True if a pixel shows nothing else.
@@ -363,8 +367,10 @@ mod tests {
             let expected = Vec3::new(64.0 * u - 0.5, 32.0 * v - 0.5, 1.0);
             assert!((Vec3::from(whole.film.pixels[at]) - expected).abs().max_element() < 1e-3, "{at}: {expected}");
         }
-        scene.environment = None;
-        assert_eq!(Backdrop::new(&scene, &camera, [40, 20], None), None);
+        for none in [None, sky(0.0).0.environment] {
+            scene.environment = none;
+            assert_eq!(Backdrop::new(&scene, &camera, [40, 20], None), None);
+        }
     }
 
     #[test]

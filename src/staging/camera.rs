@@ -52,6 +52,10 @@ const OPEN_ABOVE: f32 = 0.35;
 const NATURAL_HEIGHTS: Range<f32> = 2.0..20.0;
 const EYE_HEIGHT: f32 = 1.6;
 
+/// Height of other spaces over that of the scene from which on they may be rooms: the cells of a solid that is meshed inside are
+/// none.
+const LEAST_HEIGHT: f32 = 0.1;
+
 /// Least fraction of the directions around a point that hit surfaces, in a closed room and in a scene that is
 /// open on one side. Of the points of the second kind in a room, half have to be of the first.
 const SHARE_CLOSED: f32 = 0.5;
@@ -513,6 +517,9 @@ fn places(reference: &Reference) -> Vec<Place> {
         let ceiling = reference.closest_hit(start, Vec3::Y, None).map_or(high.y - start.y, |hit| hit.t);
         let height = floor + ceiling;
         let natural = NATURAL_HEIGHTS.contains(&height);
+        if !natural && height < LEAST_HEIGHT * extent.y {
+            return None;
+        }
         let (above, step) = if natural { (EYE_HEIGHT, 0.5) } else { (0.5 * height, 0.15 * height) };
         let eye = start + Vec3::Y * (above - floor);
         let around = surroundings(reference, eye);

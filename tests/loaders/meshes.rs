@@ -261,6 +261,53 @@ fn points_of_ply_files_are_balls() {
     assert!(mesh.colors[0].abs_diff_eq(glam::Vec4::new(1.0, grey, 0.0, 1.0), 1e-5), "{}", mesh.colors[0]);
 }
 
+/// Rhinoceros ends lines of headers with a carriage return; older exporters of Blender break lines of comments.
+#[test]
+fn headers_of_ply_files_may_be_untidy() {
+    let lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment made",
+        "by hand",
+        "element vertex 3",
+        "property float x",
+        "  property float y",
+        "property float z",
+        "element face 1",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ];
+    for newline in ["\r", "\n", "\r\n"] {
+        let mut binary = (lines.join(newline) + newline).into_bytes();
+        // The first byte of the first number is that of a line's end.
+        let first = f32::from_bits(0x3f80_000a);
+        let corners: [f32; 9] = [first, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        binary.extend(corners.iter().flat_map(|value| value.to_le_bytes()));
+        binary.push(3);
+        binary.extend([0_i32, 1, 2].iter().flat_map(|i| i.to_le_bytes()));
+        let ascii = lines.join(newline).replace("binary_little_endian", "ascii")
+            + &["", "1 0 0", " 2 0 0", "0 1 0 ", "3 0 1 2", ""].join(newline);
+        for (bytes, x) in [(binary, first), (ascii.into_bytes(), 1.0)] {
+            let scene = scene::load_bytes("rhino.ply", &bytes, &|_| None).unwrap();
+            assert_eq!(scene.meshes[0].triangles, [[0, 1, 2]], "{newline:?}");
+            assert_eq!(scene.meshes[0].positions[0], Vec3::new(x, 0.0, 0.0), "{newline:?}");
+        }
+    }
+    let header =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty double y\nproperty float z\nend_header\n";
+    let cloud =
+        scene::load_bytes("scan.ply", format!("{header}0 0 0\n-nan nan 1\n1 +inf 0\n").as_bytes(), &|_| None).unwrap();
+    assert!(cloud.warnings[0].contains("left out: 2"), "{:?}", cloud.warnings);
+}
+
+#[test]
+fn files_that_stand_for_others_say_how_to_fetch_them() {
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("pointer.obj");
+    std::fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n").unwrap();
+    let error = scene::load(path.to_str().unwrap()).unwrap_err().to_string();
+    assert!(error.contains("git lfs pull"), "{error}");
+}
+
 /// Coordinates of surveyors have more digits than 32 bits.
 #[test]
 fn meshes_far_from_the_origin_keep_their_digits() {

@@ -64,7 +64,11 @@ impl Files for Disk {
         if !std::fs::metadata(&actual).map_err(failed)?.is_file() {
             return Err(LoadError::new(path, "cannot be read: it is not a regular file"));
         }
-        std::fs::read(&actual).map(Cow::Owned).map_err(failed)
+        let bytes = std::fs::read(&actual).map_err(failed)?;
+        if bytes.starts_with(b"version https://git-lfs.github.com/spec/") {
+            return Err(LoadError::new(path, "only stands for a file of Git LFS: fetch that with `git lfs pull`"));
+        }
+        Ok(Cow::Owned(bytes))
     }
 }
 

@@ -1,6 +1,7 @@
 //! PLY meshes, ASCII and binary, by `ply-rs-bw`: positions, normals, texture coordinates of vertices or of faces' corners,
 //! colours, polygons and triangle strips.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -34,6 +35,7 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
         Some(line) => LoadError::at(path, format!("line {line}"), tidy(&e.to_string())),
         None => LoadError::new(path, tidy(&e.to_string())),
     };
+    let bytes = &*tidied(bytes);
     let mut reader = Reader::new(bytes);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(at_line)?;
     let error = |e: ParseError| match header.encoding {
@@ -122,6 +124,42 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     }
     let texture = |comment: &String| Some(comment.trim().strip_prefix("TextureFile")?.trim().to_owned());
     Ok(Parsed { mesh, origin, texture: header.comments.iter().find_map(texture), warnings })
+}
+
+/// Returns a file as the parser wants it. Lines of headers may end as on an old Macintosh, which Rhinoceros writes, be indented,
+/// or go on with the comment above; numbers in ASCII may be infinite or none, for which stand some that are too large.
+fn tidied(bytes: &[u8]) -> Cow<'_, [u8]> {
+    const END: &[u8] = b"end_header";
+    const KEYWORDS: [&str; 7] = ["ply", "format", "comment", "obj_info", "element", "property", "end_header"];
+    let Some(end) = bytes.windows(END.len()).position(|word| word == END).filter(|_| bytes.starts_with(b"ply")) else {
+        return Cow::Borrowed(bytes);
+    };
+    let (header, body) = bytes.split_at(end + END.len());
+    let header = String::from_utf8_lossy(header);
+    let newline = if header.contains("\r\n") { "\r\n" } else { ["\r", "\n"][usize::from(header.contains('\n'))] };
+    let is_known = |line: &str| KEYWORDS.contains(&line.split([' ', '\t']).next().unwrap_or_default());
+    let is_ascii = header.split(newline).any(|line| line.trim().starts_with("format") && line.contains("ascii"));
+    let is_number = |byte: &u8| byte.is_ascii_digit() || byte.is_ascii_whitespace() || b"+-.eE".contains(byte);
+    if newline != "\r" && header.split(newline).all(is_known) && !(is_ascii && !body.iter().all(is_number)) {
+        return Cow::Borrowed(bytes);
+    }
+    let mut tidy = Vec::with_capacity(bytes.len());
+    for line in header.split(newline).map(str::trim) {
+        let comment = if is_known(line) { "" } else { "comment " };
+        tidy.extend([comment, line, "\n"].iter().flat_map(|text| text.bytes()));
+    }
+    let spaces = body.iter().take_while(|byte| b" \t".contains(byte)).count();
+    let body = body[spaces..].strip_prefix(newline.as_bytes()).unwrap_or(body);
+    if is_ascii {
+        let is_none = |word: &&str| word.parse().is_ok_and(|value: f32| !value.is_finite());
+        for line in String::from_utf8_lossy(body).split(newline) {
+            let words = line.split_whitespace().map(|word| if is_none(&word) { "1e99" } else { word });
+            tidy.extend(words.flat_map(|word| [word, " "]).chain(["\n"]).flat_map(str::bytes));
+        }
+    } else {
+        tidy.extend_from_slice(body);
+    }
+    Cow::Owned(tidy)
 }
 
 /// Gives corners of triangles the texture coordinates that faces have for them: vertices that have several become several.
