@@ -477,6 +477,35 @@ fn many_lights_make_a_pool() {
     assert!(!plan_of(&lamp, &bounces(2)).has_candidates());
 }
 
+/// Of several emitters, the one that an iteration chooses is mostly far from a pixel, or weak there.
+#[test]
+fn several_emitters_make_a_pool_where_rays_connect_them() {
+    let lamps = SceneStats { light_sources: 3, emissive_triangles: 24, light_places: 3, ..dark() };
+    let of = |stats: &SceneStats, settings: &Settings| {
+        let plan = plan_of(stats, settings);
+        (plan.light_candidates, plan.lights_for_view)
+    };
+    let from = |visibility_from| Settings { visibility_from, ..bounces(2) };
+    assert_eq!(of(&lamps, &from(VisibilityFrom::Grid)), (16, true));
+    // Lists have a map for each candidate.
+    assert_eq!(of(&lamps, &from(VisibilityFrom::Lists)), (1, false));
+    for one in [
+        SceneStats { light_sources: 1, ..lamps.clone() },
+        SceneStats { light_sources: 1, environment: true, ..lamps.clone() },
+        SceneStats { lights: 3, emissive_triangles: 0, ..lamps.clone() },
+    ] {
+        assert_eq!(of(&one, &from(VisibilityFrom::Grid)), (1, false), "{one:?}");
+    }
+    let grid = from(VisibilityFrom::Grid);
+    for (asked, candidates) in [
+        (Settings { light_pool: Some(1), ..grid.clone() }, 1),
+        (Settings { light_sampling: Some(LightSampling::Power), ..grid.clone() }, 1),
+        (Settings { strategies: Strategies::Paper, ..grid }, 1),
+    ] {
+        assert_eq!(of(&lamps, &asked), (candidates, false));
+    }
+}
+
 #[test]
 fn reuse_keeps_two_pools() {
     let of = |light_sampling, light_pool| {

@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::scene::model::material::SMOOTH;
-use crate::scene::{Bsdf, Distribution, EdgeFactor, Geometry, Light, Material, Mesh, Scalar, Scene};
+use crate::scene::{Bsdf, Distribution, EdgeFactor, Geometry, Instance, Light, Material, Mesh, Scalar, Scene};
 
 /// Counts and extremes of a scene.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -28,6 +28,8 @@ pub struct SceneStats {
     /// Light clusters: occupied cells of an 8 x 8 x 8 grid over the scene's bounding box, plus one for each
     /// infinite light. An emissive mesh of many triangles is one cluster or a few.
     pub light_places: usize,
+    /// Lights, and instances of emissive meshes.
+    pub light_sources: usize,
     /// True if there is a local light: a light with a position or an emissive triangle.
     pub local_lights: bool,
     /// True if there is an infinite light or an environment.
@@ -122,6 +124,8 @@ impl SceneStats {
         let sizes: f64 = parts.par_iter().map(part).collect::<Vec<_>>().iter().sum();
         let emissive_materials: Vec<bool> = scene.materials.iter().map(is_emissive).collect();
         let emissive_triangles = count(&is_emissive);
+        let emits = |instance: &&Instance| emissive_materials[scene.meshes[instance.mesh].material];
+        let emissive_instances = scene.instances.iter().filter(emits).count();
         let candidates = if emissive_triangles > 0 { geometry.triangles.len() } else { 0 };
         let emissive = (0..candidates).filter(|&i| emissive_materials[geometry.materials[i] as usize]);
         let centroids = emissive.map(|i| geometry.positions(i).iter().sum::<Vec3>() / 3.0);
@@ -142,6 +146,7 @@ impl SceneStats {
             sized_local_lights: scene.lights.iter().filter(|l| !l.is_sharp() && l.position().is_some()).count(),
             patterns: !scene.patterns.is_empty(),
             light_places: cells.len() + infinite + usize::from(scene.environment.is_some()),
+            light_sources: scene.lights.len() + emissive_instances,
             local_lights: !cells.is_empty(),
             infinite_lights: infinite > 0 || scene.environment.is_some(),
             emissive_triangles,

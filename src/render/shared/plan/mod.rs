@@ -53,7 +53,7 @@ const PIXELS_OF_BORDERS: u64 = 64;
 /// in a small one they are much of it.
 const MIN_PIXELS_OF_BORDERS: u64 = 1 << 12;
 
-/// Light candidates of scenes with many lights.
+/// Light candidates of scenes with many lights, and of those with several that rays connect at little cost.
 const CANDIDATES: u32 = 16;
 
 /// Pixels of a band: as many as WebGPU's least binding holds eye vertices of. On a GPU many small bands take
@@ -204,12 +204,30 @@ impl FramePlan {
     /// Decides from the statistics of a scene, the settings and the device.
     #[must_use]
     pub fn new(stats: &SceneStats, settings: &Settings, capabilities: &Capabilities) -> Self {
+        // Of several emitters a light point of the iteration is mostly one that is far from a pixel, or weak there.
+        let several = stats.light_sources > 1
+            && stats.emissive_triangles > 0
+            && settings.strategies != Strategies::Paper
+            && settings.light_sampling.is_none()
+            && settings.light_pool.is_none();
+        let many = stats.light_places > FEW_LIGHTS;
+        if several && !many {
+            let plan = Self::with_pool(stats, settings, capabilities, true);
+            if plan.ray_views.lights {
+                return plan;
+            }
+        }
+        Self::with_pool(stats, settings, capabilities, many)
+    }
+
+    /// Decides it with direct light that is selected from candidates, unless the settings say otherwise, or without.
+    fn with_pool(stats: &SceneStats, settings: &Settings, capabilities: &Capabilities, pool: bool) -> Self {
         let sampling = settings.light_sampling;
         let resamples = sampling.is_some_and(LightSampling::resamples);
         let mut strategies = StrategySet::new(stats, settings);
         let light_vertices = strategies.light_vertices;
-        let many_lights = light_vertices > 0 && stats.light_places > FEW_LIGHTS;
-        let usual = if many_lights || resamples { CANDIDATES } else { 1 };
+        let pool = pool && light_vertices > 0;
+        let usual = if pool || resamples { CANDIDATES } else { 1 };
         strategies.light_candidates = if light_vertices == 0 { 1 } else { settings.light_pool.unwrap_or(usual) };
         let light_candidates = strategies.light_candidates;
         let direct_lights = direct_lights(stats, settings, light_vertices);
@@ -242,7 +260,7 @@ impl FramePlan {
             direct_lights,
             sky_points: 1,
             reuse,
-            lights_for_view: many_lights && (sampling.is_none() || resamples),
+            lights_for_view: pool && (sampling.is_none() || resamples),
             light_extents: LightExtents { local: stats.local_lights, infinite: stats.infinite_lights },
             starts_from_emitters,
             sky_bundles: hits_sky && !starts_from_emitters,

@@ -140,7 +140,7 @@ fn tidied(bytes: &[u8]) -> Cow<'_, [u8]> {
     let is_known = |line: &str| KEYWORDS.contains(&line.split([' ', '\t']).next().unwrap_or_default());
     let is_ascii = header.split(newline).any(|line| line.trim().starts_with("format") && line.contains("ascii"));
     let is_number = |byte: &u8| byte.is_ascii_digit() || byte.is_ascii_whitespace() || b"+-.eE".contains(byte);
-    if newline != "\r" && header.split(newline).all(is_known) && !(is_ascii && !body.iter().all(is_number)) {
+    if newline != "\r" && header.split(newline).all(is_known) && (!is_ascii || body.iter().all(is_number)) {
         return Cow::Borrowed(bytes);
     }
     let mut tidy = Vec::with_capacity(bytes.len());
