@@ -31,7 +31,7 @@ pub const STOPS: std::ops::RangeInclusive<f32> = -32.0..=32.0;
 
 /// Stops by which a grey card may be brighter or darker than the surfaces beside it: a factor of 4 either way, for
 /// reflectances of 0.045 to 0.72 under the light of the card's 0.18. Lamps light things but not the environment.
-const CARD_STOPS: f64 = 2.0;
+pub const CARD_STOPS: f64 = 2.0;
 /// Share of a channel by which pixels of the environment may differ from its radiance at their middle.
 const SAME: f32 = 0.1;
 

@@ -29,8 +29,10 @@ const SIDES: u32 = 6;
 
 /// Returns balls around points, flat-shaded, with what is to be said of them. `colors`: linear, one for each point, or none.
 pub(super) fn balls(points: &[Vec3], colors: &[Vec4]) -> (Mesh, String) {
-    let ball =
-        [2, 1, 0].map(shapes::icosphere).into_iter().find(|b| b.triangles.len() * points.len() <= MOST_TRIANGLES);
+    let ball = [2, 1, 0]
+        .map(shapes::icosphere)
+        .into_iter()
+        .find(|b| b.triangles.len().saturating_mul(points.len()) <= MOST_TRIANGLES);
     let ball = ball.unwrap_or_else(|| shapes::sphere(4, 2)); // an octahedron
     let step = thinned(points.len(), ball.triangles.len());
     let drawn: Vec<Vec3> = points.iter().copied().step_by(step).collect();
