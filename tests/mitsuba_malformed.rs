@@ -224,7 +224,7 @@ fn wrong_ply_files_are_errors_with_their_place() {
         (PLY_HEAD.to_owned() + "0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 11", "found nothing"),
         (PLY_HEAD.to_owned() + "0 0 0\n1 0 0\n0 1 0\n", "line 13", "end of file"),
         (PLY_HEAD.to_owned() + "0 0 0\n1 zero 0\n0 1 0\n3 0 1 2\n", "line 11", "parse"),
-        (PLY_HEAD.to_owned() + "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "line 11", "parse"),
+        (PLY_HEAD.to_owned() + "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n", "vertex 1", "not finite"),
         (PLY_HEAD.to_owned() + "0 0 0\n1 1e99 0\n0 1 0\n3 0 1 2\n", "vertex 1", "not finite"),
         (PLY_HEAD.to_owned() + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "face 0", "refers to vertex 3 of 3"),
         (PLY_HEAD.to_owned() + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "face 0", "negative"),
