@@ -91,20 +91,35 @@ impl FromStr for Exposure {
 pub struct Backdrop {
     /// Radiance of the environment along the ray through the middle of each pixel.
     film: Film,
-    /// Luminance of a card of 18 % reflectance that is lit from all sides by the environment alone.
+    /// Luminance of [`grey_card`].
     card: f32,
+}
+
+/// Returns the luminance of a card of 18 % reflectance that a scene's environment alone lights from all sides, 0 if it has
+/// none. All texels of the environment count, so that it is for callers to keep while only cameras change.
+#[must_use]
+pub fn grey_card(scene: &Scene) -> f32 {
+    scene.environment.as_ref().map_or(0.0, |environment| KEY * environment.mean().dot(LUMINANCE))
 }
 
 impl Backdrop {
     /// Returns the backdrop of a picture of `width` columns and `height` rows, or of a crop of it; none if the scene has
     /// no environment, or a black one.
     #[must_use]
-    pub fn new(scene: &Scene, camera: &Camera, [width, height]: [u32; 2], crop: Option<Crop>) -> Option<Self> {
-        let environment = scene.environment.as_ref()?;
-        let card = KEY * environment.mean().dot(LUMINANCE);
-        if card <= 0.0 {
-            return None;
-        }
+    pub fn new(scene: &Scene, camera: &Camera, size: [u32; 2], crop: Option<Crop>) -> Option<Self> {
+        Self::with_card(scene, grey_card(scene), camera, size, crop)
+    }
+
+    /// As [`Self::new`], with the scene's [`grey_card`].
+    #[must_use]
+    pub fn with_card(
+        scene: &Scene,
+        card: f32,
+        camera: &Camera,
+        [width, height]: [u32; 2],
+        crop: Option<Crop>,
+    ) -> Option<Self> {
+        let environment = scene.environment.as_ref().filter(|_| card > 0.0)?;
         let crop = crop.unwrap_or(Crop::whole(width, height));
         let middle = |pixel: u32| Vec2::new((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         let size = Vec2::new(width as f32, height as f32);

@@ -54,7 +54,7 @@ fn wrong_xml_is_an_error_with_its_line() {
     let cases = [
         ("<shape type=\"cube\">", "line 3", "XML"),
         ("<!DOCTYPE a [<!ENTITY b \"c\">]>", "line 2", "XML"),
-        ("\n<shape type=\"cube\"><ref id=\"nothing\"/></shape>", "line 3", "nothing has the id `nothing`"),
+        ("\n<ref id=\"nothing\"/>", "line 3", "nothing has the id `nothing`"),
         ("<shape type=\"cube\"><ref/></shape>", "line 2", "`id`"),
         ("<bsdf type=\"diffuse\" id=\"a\"/>\n<bsdf type=\"diffuse\" id=\"a\"/>", "line 3", "already taken"),
         (

@@ -78,6 +78,7 @@ mod tests {
             settings: Settings { width: 40, height: 30, ..Settings::default() },
             posed_scene: 1,
             scene: &scene,
+            grey_card: 0.0,
             camera: scene.cameras[0].clone(),
         };
         let outbox = SharedOutbox::new(|| ());

@@ -22,7 +22,7 @@ use super::outbox::{Note, Outbox, SharedOutbox};
 use super::pace::Pace;
 use super::preview;
 use super::request::{Command, Layer, Machine, Picture, Request, SceneInfo};
-use crate::exposure::{Backdrop, auto_exposure};
+use crate::exposure::{Backdrop, auto_exposure, grey_card};
 use crate::film::{Film, has_extension};
 use crate::gpu::{Gpu, GpuError};
 use crate::metrics;
@@ -153,6 +153,8 @@ struct PosedScene {
     /// Camera that the tessellation is refined for; none if the scene has no adaptively tessellated meshes.
     refined_for: Option<Eye>,
     scene: Scene,
+    /// Luminance of the scene's [`grey_card`].
+    grey_card: f32,
 }
 
 /// Camera whose pixels decide the tessellation: the settings' camera or its replacement, and the size of the
@@ -254,6 +256,7 @@ pub(super) struct PaneView<'s> {
     /// Number of the posed scene.
     pub(super) posed_scene: u64,
     pub(super) scene: &'s Scene,
+    pub(super) grey_card: f32,
     pub(super) camera: Camera,
 }
 
@@ -270,16 +273,18 @@ impl<'s> PaneView<'s> {
         let scene = &posed.scene;
         let camera = camera_of(request, scene, &settings)?;
         let (request, moving) = (request.number, request.moving);
-        Ok(Self { request, pane, layer, moving, coarseness, settings, posed_scene: posed.number, scene, camera })
+        let &PosedScene { number: posed_scene, grey_card, .. } = posed;
+        Ok(Self { request, pane, layer, moving, coarseness, settings, posed_scene, scene, grey_card, camera })
     }
 }
 
 impl<'gpu> PaneState<'gpu> {
     /// Takes the cached renderer for these settings, reposed and with the view's camera, or creates one.
     fn take_renderer(&mut self, gpu: Option<&'gpu Gpu>, view: &PaneView) -> Result<CachedRenderer<'gpu>, RenderError> {
-        let &PaneView { ref settings, posed_scene, scene, ref camera, .. } = view;
+        let &PaneView { ref settings, posed_scene, scene, grey_card, ref camera, .. } = view;
         let slot = &mut self.cached[usize::from(view.moving)];
-        let backdrop = || Backdrop::new(scene, camera, [settings.width, settings.height], settings.crop);
+        let backdrop =
+            || Backdrop::with_card(scene, grey_card, camera, [settings.width, settings.height], settings.crop);
         match slot.take().filter(|cached| cached.settings == *settings) {
             Some(mut cached) => {
                 if cached.posed_scene != posed_scene {
@@ -509,6 +514,7 @@ impl Worker {
             pose: request.pose,
             edits: request.edits.clone(),
             refined_for,
+            grey_card: grey_card(&scene),
             scene,
         })
     }

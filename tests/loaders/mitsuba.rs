@@ -1263,3 +1263,21 @@ fn files_of_other_systems_are_found_and_missing_ones_are_warnings() {
         assert!(scene.warnings.iter().any(|w| w == warning), "{warning}: {:?}", scene.warnings);
     }
 }
+
+/// A part that is not there, such as another program's integrator, and a material that nothing defines leave the rest.
+#[test]
+fn missing_includes_and_ids_are_warnings() {
+    let scene = scene(
+        r#"<default name="integrator" value="mlt"/><include filename="integrators/$integrator.xml"/>
+           <shape type="shapeGroup" id="group"><shape type="cube"><ref id="gone"/></shape></shape>
+           <bsdf type="diffuse" id="here"/><alias id="here" as="there"/>
+           <shape type="instance"><ref id="group"/></shape>
+           <shape type="cube"><ref id="there"/></shape>"#,
+    );
+    assert_eq!((scene.instances.len(), scene.materials.len()), (2, 2));
+    for [place, cause] in [["line 1", "`integrators/mlt.xml` does not exist"], ["line 2", "nothing has the id `gone`"]] {
+        let said = |warning: &&String| warning.contains(place) && warning.contains(cause) && warning.contains("left out");
+        assert_eq!(scene.warnings.iter().filter(said).count(), 1, "{place}, {cause}: {:?}", scene.warnings);
+    }
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+}

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::f32::consts::PI;
 
-use lightsheaf::exposure::{Backdrop, Exposure};
+use lightsheaf::exposure::{Backdrop, Exposure, grey_card};
 use lightsheaf::film::Film;
 use lightsheaf::film::exr::Picture;
 use lightsheaf::gpu::{Gpu, PassTime};
@@ -49,6 +49,8 @@ pub struct Session {
     /// The scene as it was loaded, and where the user has moved the camera.
     scene: Option<Scene>,
     camera: Option<OrbitCamera>,
+    /// Luminance of the scene's [`grey_card`].
+    grey_card: f32,
     beside: HashMap<String, Vec<u8>>,
     seed: u32,
     renderer: Option<Box<dyn Renderer>>,
@@ -74,6 +76,7 @@ impl Session {
         Ok(Self {
             gpu,
             scene: None,
+            grey_card: 0.0,
             camera: None,
             beside: HashMap::new(),
             seed: 0,
@@ -110,6 +113,7 @@ impl Session {
         staging::complete(&mut scene, &Staging { size, ..Staging::default() }).map_err(text)?;
         let camera = scene.cameras.first().ok_or("the scene has no camera")?;
         self.camera = Some(OrbitCamera::around(camera, Geometry::new(&scene).sphere()));
+        self.grey_card = grey_card(&scene);
         (self.scene, self.renderer, self.reference) = (Some(scene), None, None);
         Ok(())
     }
@@ -186,8 +190,15 @@ impl Session {
     /// Returns the picture for a canvas, four bytes a pixel, at an exposure in stops; without one at that which
     /// suits it.
     pub fn pixels(&mut self, stops: Option<f32>) -> Vec<u8> {
-        let backdrop =
-            || Backdrop::new(self.scene.as_ref()?, &self.moved()?, [self.film.width, self.film.height], None);
+        let backdrop = || {
+            Backdrop::with_card(
+                self.scene.as_ref()?,
+                self.grey_card,
+                &self.moved()?,
+                [self.film.width, self.film.height],
+                None,
+            )
+        };
         self.stops = stops.map_or(Exposure::Auto, Exposure::Stops).stops(&self.film, backdrop);
         let grade = Grade { stops: self.stops, tonemap: Tonemap::default() };
         grade.picture(&self.film).chunks_exact(3).flat_map(|pixel| [pixel[0], pixel[1], pixel[2], 255]).collect()

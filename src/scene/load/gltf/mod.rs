@@ -87,12 +87,11 @@ fn substitute(extension: &str) -> &'static str {
 /// Loads a .gltf or .glb file, and what it refers to, in one of its variants or with its own choice of materials.
 ///
 /// # Errors
-/// A file that is missing, truncated or invalid, that requires an unsupported extension, or that lacks the
-/// variant, is an error.
+/// A file that is missing, truncated or invalid, or that lacks the variant, is an error.
 pub fn load(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Scene, LoadError> {
     let mut file = File::open(path, files)?;
     let mut scene = Scene { name: path.display().to_string(), ..Scene::default() };
-    check_extensions(&file, &mut scene)?;
+    warn_of_extensions(&file, &mut scene);
     file.check_references()?;
     let variant = pick_variant(&file, &mut scene, variant)?;
     file.load_buffers()?;
@@ -122,16 +121,18 @@ pub fn load(path: &Path, variant: Option<&str>, files: &dyn Files) -> Result<Sce
     .run()
 }
 
-fn check_extensions(file: &File, scene: &mut Scene) -> Result<(), LoadError> {
-    let unknown = |e: &&String| !SUPPORTED.contains(&e.as_str());
-    if let Some(extension) = file.root.extensions_required.iter().find(unknown) {
-        let cause = format!("{extension} is required, but it is not supported: export the file again without it");
-        return Err(file.error("extensionsRequired", cause));
+/// Warns of extensions that are not read. A file that requires one is drawn without it: many such say nothing of how
+/// things look, and what is seen of the others is more than an error shows.
+fn warn_of_extensions(file: &File, scene: &mut Scene) {
+    let required = &file.root.extensions_required;
+    let used = file.root.extensions_used.iter().filter(|&extension| !required.contains(extension));
+    let unknown = |extension: &&String| !SUPPORTED.contains(&extension.as_str());
+    for extension in required.iter().filter(unknown) {
+        scene.warn(format!("{extension} is required, but it is not supported: the picture lacks what it describes"));
     }
-    for extension in file.root.extensions_used.iter().filter(unknown) {
+    for extension in used.filter(unknown) {
         scene.warn(format!("{extension} is not supported: {}", substitute(extension)));
     }
-    Ok(())
 }
 
 /// Returns the index of a variant by its name. Without a name, a note lists the variants.

@@ -33,10 +33,10 @@ use xml::{Element, Search, Tree};
 /// Loads a scene file and everything that it refers to.
 ///
 /// # Errors
-/// A file that is malformed, a dangling reference and a value out of range are errors; the message names the file and
-/// the line. Meshes, textures and skies that are not there are warnings, unless no surface is left without them.
+/// A file that is malformed and a value out of range are errors; the message names the file and the line. Ids, includes,
+/// meshes, textures and skies that are not there are warnings, unless no surface is left without them.
 pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
-    let Tree { root, search } = xml::read(path, files)?;
+    let Tree { root, search, missing } = xml::read(path, files)?;
     let mut loader = Loader {
         ids: xml::ids(&root)?,
         search,
@@ -47,13 +47,17 @@ pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         has_vertex_colors: false,
         vertex_colored: HashSet::new(),
         triangles: 0,
-        missing_mesh: None,
+        missing: None,
     };
+    for error in missing {
+        loader.warn(format!("{error}: it is left out"));
+        loader.missing.get_or_insert(error);
+    }
     for element in &root.children {
         loader.top_level(element)?;
     }
-    let Loader { mut scene, vertex_colored, missing_mesh, .. } = loader;
-    if let Some(error) = missing_mesh.filter(|_| scene.instances.is_empty()) {
+    let Loader { mut scene, vertex_colored, missing, .. } = loader;
+    if let Some(error) = missing.filter(|_| scene.instances.is_empty()) {
         return Err(error);
     }
     // Materials use vertex colours only if a texture refers to them by name.
@@ -78,8 +82,8 @@ struct Loader<'a> {
     vertex_colored: HashSet<usize>,
     /// Number of world-space triangles, counted once per instance.
     triangles: usize,
-    /// The first mesh file that is not there.
-    missing_mesh: Option<LoadError>,
+    /// The first include, reference or mesh that is not there.
+    missing: Option<LoadError>,
 }
 
 impl<'a> Loader<'a> {

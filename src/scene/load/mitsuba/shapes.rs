@@ -198,7 +198,7 @@ impl<'a> Loader<'a> {
             Ok(path) => path,
             Err(error) => {
                 self.warn(format!("the mesh file `{name}` is not there: its shapes are left out"));
-                self.missing_mesh.get_or_insert(error);
+                self.missing.get_or_insert(error);
                 return Ok(None);
             }
         };

@@ -5,7 +5,7 @@
 //! of includes and number of elements are limited, because a file may include itself.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -88,6 +88,8 @@ pub(super) struct Tree<'a> {
     pub root: Element,
     /// Where the files are.
     pub search: Search<'a>,
+    /// Errors of `include` and `ref` elements that name what is not there. They are left out.
+    pub missing: Vec<LoadError>,
 }
 
 /// Finds the files that elements refer to.
@@ -118,17 +120,22 @@ impl<'a> Search<'a> {
 /// Reads a scene file and everything that it includes.
 pub(super) fn read<'a>(path: &Path, files: &'a dyn Files) -> Result<Tree<'a>, LoadError> {
     let search = Search { files, folders: path.parent().into_iter().map(Path::to_owned).collect() };
-    let mut reader = Reader { parameters: Vec::new(), search, includes: 0, elements: 0 };
-    let root = reader.file(path, 0)?;
+    let mut reader = Reader { parameters: Vec::new(), search, missing: Vec::new(), includes: 0, elements: 0 };
+    let mut root = reader.file(path, 0)?;
     if root.tag != "scene" {
         return Err(root.error(format!("the root element is <{}>; a Mitsuba scene starts with <scene>", root.tag)));
     }
-    Ok(Tree { root, search: reader.search })
+    let Reader { search, mut missing, .. } = reader;
+    let mut names = HashSet::new();
+    collect_names(&root, &mut names);
+    remove_dangling(&mut root, &names, &mut missing);
+    Ok(Tree { root, search, missing })
 }
 
 struct Reader<'a> {
     parameters: Vec<(String, String)>,
     search: Search<'a>,
+    missing: Vec<LoadError>,
     includes: usize,
     elements: usize,
 }
@@ -182,6 +189,8 @@ impl Reader<'_> {
                 Err(_) if unused => attribute.value().to_owned(),
                 value => value.map_err(|cause| element.error(cause))?,
             };
+            // Where files' names ignore case, so do Mitsuba's plugins: `shapeGroup`.
+            let value = if attribute.name() == "type" { value.to_ascii_lowercase() } else { value };
             element.attributes.push((attribute.name().to_owned(), value));
         }
         for child in node.children().filter(roxmltree::Node::is_element) {
@@ -217,7 +226,13 @@ impl Reader<'_> {
         if self.includes > MAX_INCLUDES {
             return Err(element.error(format!("more than {MAX_INCLUDES} includes; does the file include itself?")));
         }
-        let path = self.search.find(element, element.required("filename")?)?;
+        let path = match self.search.find(element, element.required("filename")?) {
+            Ok(path) => path,
+            Err(error) => {
+                self.missing.push(error);
+                return Ok(Vec::new());
+            }
+        };
         let included = self.file(&path, depth + 1)?;
         Ok(if included.tag == "scene" { included.children } else { vec![included] })
     }
@@ -247,6 +262,27 @@ struct Source {
     file: Arc<Path>,
     line_starts: Vec<usize>,
     legacy: bool,
+}
+
+/// Collects what `ref` elements may name: ids, and the names defined by `alias`.
+fn collect_names(element: &Element, names: &mut HashSet<String>) {
+    let name = match element.tag.as_str() {
+        "ref" => None,
+        "alias" => element.attribute("as"),
+        _ => element.attribute("id"),
+    };
+    names.extend(name.map(str::to_owned));
+    element.children.iter().for_each(|child| collect_names(child, names));
+}
+
+/// Removes `ref` elements that name nothing, and adds their errors.
+fn remove_dangling(element: &mut Element, names: &HashSet<String>, errors: &mut Vec<LoadError>) {
+    element.children.retain_mut(|child| {
+        remove_dangling(child, names, errors);
+        let dangling = child.attribute("id").filter(|&id| child.tag == "ref" && !names.contains(id));
+        errors.extend(dangling.map(|id| child.error(format!("nothing has the id `{id}`"))));
+        dangling.is_none()
+    });
 }
 
 /// Returns all elements with an id, and the names defined by `alias`.
