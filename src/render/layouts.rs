@@ -293,9 +293,9 @@ layouts! {
         slot: u32,
         first_light_point: u32,
         sharp_alpha: f32,
-        pad0: u32,
-        pad1: [u32; 2],
-        pad2: [u32; 4],
+        camera_number: u32,
+        pad0: [u32; 2],
+        pad1: [u32; 4],
     }
 
     /// A strategy's constants.

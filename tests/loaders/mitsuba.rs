@@ -1275,8 +1275,10 @@ fn missing_includes_and_ids_are_warnings() {
            <shape type="cube"><ref id="there"/></shape>"#,
     );
     assert_eq!((scene.instances.len(), scene.materials.len()), (2, 2));
-    for [place, cause] in [["line 1", "`integrators/mlt.xml` does not exist"], ["line 2", "nothing has the id `gone`"]] {
-        let said = |warning: &&String| warning.contains(place) && warning.contains(cause) && warning.contains("left out");
+    for [place, cause] in [["line 1", "`integrators/mlt.xml` does not exist"], ["line 2", "nothing has the id `gone`"]]
+    {
+        let said =
+            |warning: &&String| warning.contains(place) && warning.contains(cause) && warning.contains("left out");
         assert_eq!(scene.warnings.iter().filter(said).count(), 1, "{place}, {cause}: {:?}", scene.warnings);
     }
     assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);

@@ -1,5 +1,6 @@
 //! `path` and `ray-query` against the reference, in the mean and pixel by pixel, and against themselves.
 
+mod blended;
 mod caustics;
 #[path = "../common/mod.rs"]
 mod common;

@@ -79,9 +79,11 @@ impl Frame {
         let &Iteration { gpu, scene, camera, settings, number, .. } = iteration;
         self.swap_history(gpu, number > 0);
         // All classes of pixels share the camera and the place within the pixel.
-        let of_camera = Sampler::new(settings.seed, number / self.plan.iterations_per_gbuffer(camera));
+        let camera_number = number / self.plan.iterations_per_gbuffer(camera);
+        let of_camera = Sampler::new(settings.seed, camera_number);
         let batch_index = iteration.batch_index.unwrap_or(0);
         let mut uniform = frame_uniform(scene, camera, settings, &of_camera, number, batch_index);
+        uniform.camera_number = camera_number as u32;
         if let Some(denoiser) = &self.denoiser {
             uniform.samples = denoiser.samples() / settings.samples_per_lobe();
             // Along shared directions narrow lobes are wider, and the same light is noise.
