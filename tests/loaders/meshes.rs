@@ -403,6 +403,15 @@ fn stl_files_of_both_kinds_are_the_same_mesh() {
     }
 }
 
+/// Splats that are packed say which file would open.
+#[test]
+fn packed_splats_are_an_error_that_says_what_to_do() {
+    let file = "ply\nformat ascii 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 1\nproperty uint packed_position\n\
+                end_header\n0\n7\n";
+    let error = scene::load_bytes("a.compressed.ply", file.as_bytes(), &|_| None).unwrap_err().to_string();
+    assert!(error.contains("a.compressed.ply") && error.contains("export them as a plain PLY"), "{error}");
+}
+
 /// A Cornell box of an archive: its own lamp is its light, a sphere mirrors and another one refracts.
 #[test]
 fn real_boxes_load() {

@@ -73,6 +73,12 @@ pub(in crate::scene) fn parse(path: &Path, bytes: &[u8]) -> Result<Parsed, LoadE
     let has = |element: &str, names: &[&str]| {
         header.elements.get(element).is_some_and(|e| names.iter().all(|n| e.properties.contains_key(*n)))
     };
+    if has("vertex", &["packed_position"]) {
+        return Err(LoadError::new(
+            path,
+            "holds Gaussian splats in PlayCanvas' packed form: export them as a plain PLY",
+        ));
+    }
     if !has("vertex", &["x", "y", "z"]) {
         return Err(LoadError::new(path, "has no vertices with x, y and z"));
     }

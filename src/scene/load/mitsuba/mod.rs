@@ -37,8 +37,9 @@ use xml::{Element, Search, Tree};
 /// meshes, textures and skies that are not there are warnings, unless no surface is left without them.
 pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
     let Tree { root, search, missing } = xml::read(path, files)?;
+    let (ids, dangling) = xml::ids(&root)?;
     let mut loader = Loader {
-        ids: xml::ids(&root)?,
+        ids,
         search,
         scene: Scene { name: path.display().to_string(), says_its_light: true, ..Scene::default() },
         materials: HashMap::new(),
@@ -49,7 +50,7 @@ pub fn load(path: &Path, files: &dyn Files) -> Result<Scene, LoadError> {
         triangles: 0,
         missing: None,
     };
-    for error in missing {
+    for error in missing.into_iter().chain(dangling) {
         loader.warn(format!("{error}: it is left out"));
         loader.missing.get_or_insert(error);
     }

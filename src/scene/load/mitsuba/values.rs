@@ -29,18 +29,14 @@ struct Child<'a> {
 }
 
 impl<'a> Plugin<'a> {
-    /// Resolves references; a dangling one is an error.
+    /// Resolves references. Those that refer to nothing, of which [`super::xml::ids`] tells, are left out.
     pub fn new(element: &'a Element, ids: &Ids<'a>) -> Result<Self, LoadError> {
-        let child = |here: &'a Element| -> Result<Child<'a>, LoadError> {
-            let target = if here.tag == "ref" {
-                let id = here.required("id")?;
-                ids.get(id).copied().ok_or_else(|| here.error(format!("nothing has the id `{id}`")))?
-            } else {
-                here
-            };
-            Ok(Child { name: here.name(), here, target, used: Cell::new(false) })
+        let child = |here: &'a Element| -> Result<Option<Child<'a>>, LoadError> {
+            let target = if here.tag == "ref" { ids.get(here.required("id")?).copied() } else { Some(here) };
+            Ok(target.map(|target| Child { name: here.name(), here, target, used: Cell::new(false) }))
         };
-        Ok(Self { element, children: element.children.iter().map(child).collect::<Result<_, _>>()? })
+        let children = element.children.iter().filter_map(|here| child(here).transpose());
+        Ok(Self { element, children: children.collect::<Result<_, _>>()? })
     }
 
     /// Returns the element of a parameter, with references resolved.

@@ -5,7 +5,7 @@
 //! of includes and number of elements are limited, because a file may include itself.
 
 use std::borrow::Cow;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -88,7 +88,7 @@ pub(super) struct Tree<'a> {
     pub root: Element,
     /// Where the files are.
     pub search: Search<'a>,
-    /// Errors of `include` and `ref` elements that name what is not there. They are left out.
+    /// Errors of `include` elements that name files that are not there. They are left out.
     pub missing: Vec<LoadError>,
 }
 
@@ -121,14 +121,11 @@ impl<'a> Search<'a> {
 pub(super) fn read<'a>(path: &Path, files: &'a dyn Files) -> Result<Tree<'a>, LoadError> {
     let search = Search { files, folders: path.parent().into_iter().map(Path::to_owned).collect() };
     let mut reader = Reader { parameters: Vec::new(), search, missing: Vec::new(), includes: 0, elements: 0 };
-    let mut root = reader.file(path, 0)?;
+    let root = reader.file(path, 0)?;
     if root.tag != "scene" {
         return Err(root.error(format!("the root element is <{}>; a Mitsuba scene starts with <scene>", root.tag)));
     }
-    let Reader { search, mut missing, .. } = reader;
-    let mut names = HashSet::new();
-    collect_names(&root, &mut names);
-    remove_dangling(&mut root, &names, &mut missing);
+    let Reader { search, missing, .. } = reader;
     Ok(Tree { root, search, missing })
 }
 
@@ -264,37 +261,17 @@ struct Source {
     legacy: bool,
 }
 
-/// Collects what `ref` elements may name: ids, and the names defined by `alias`.
-fn collect_names(element: &Element, names: &mut HashSet<String>) {
-    let name = match element.tag.as_str() {
-        "ref" => None,
-        "alias" => element.attribute("as"),
-        _ => element.attribute("id"),
-    };
-    names.extend(name.map(str::to_owned));
-    element.children.iter().for_each(|child| collect_names(child, names));
-}
-
-/// Removes `ref` elements that name nothing, and adds their errors.
-fn remove_dangling(element: &mut Element, names: &HashSet<String>, errors: &mut Vec<LoadError>) {
-    element.children.retain_mut(|child| {
-        remove_dangling(child, names, errors);
-        let dangling = child.attribute("id").filter(|&id| child.tag == "ref" && !names.contains(id));
-        errors.extend(dangling.map(|id| child.error(format!("nothing has the id `{id}`"))));
-        dangling.is_none()
-    });
-}
-
-/// Returns all elements with an id, and the names defined by `alias`.
-pub(super) fn ids(root: &Element) -> Result<HashMap<&str, &Element>, LoadError> {
+/// Returns all elements with an id, with the names defined by `alias`, and the errors of elements that refer to others.
+pub(super) fn ids(root: &Element) -> Result<(HashMap<&str, &Element>, Vec<LoadError>), LoadError> {
     let mut ids: HashMap<&str, &Element> = HashMap::new();
-    let mut aliases = Vec::new();
+    let (mut aliases, mut references, mut dangling) = (Vec::new(), Vec::new(), Vec::new());
     let mut stack = vec![root];
     while let Some(element) = stack.pop() {
         stack.extend(element.children.iter().rev());
         match (element.tag.as_str(), element.attribute("id")) {
-            ("ref", _) | (_, None) => {}
-            ("alias", Some(_)) => aliases.push(element),
+            (_, None) => {}
+            ("ref", Some(id)) => references.push((id, element)),
+            ("alias", Some(id)) => aliases.push((id, element)),
             (_, Some(id)) => {
                 if let Some(first) = ids.insert(id, element) {
                     return Err(element.error(format!(
@@ -307,12 +284,15 @@ pub(super) fn ids(root: &Element) -> Result<HashMap<&str, &Element>, LoadError> 
             }
         }
     }
-    for alias in aliases {
-        let id = alias.required("id")?;
-        let target = *ids.get(id).ok_or_else(|| alias.error(format!("nothing has the id `{id}`")))?;
-        ids.insert(alias.required("as")?, target);
+    let unknown = |id: &str, element: &Element| element.error(format!("nothing has the id `{id}`"));
+    for (id, alias) in aliases {
+        match ids.get(id) {
+            Some(&target) => _ = ids.insert(alias.required("as")?, target),
+            None => dangling.push(unknown(id, alias)),
+        }
     }
-    Ok(ids)
+    dangling.extend(references.into_iter().filter(|(id, _)| !ids.contains_key(id)).map(|(id, at)| unknown(id, at)));
+    Ok((ids, dangling))
 }
 
 /// Converts `toWorld` to `to_world` and `intIOR` to `int_ior`.
