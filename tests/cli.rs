@@ -308,6 +308,10 @@ fn environments_are_replaced_scaled_and_rotated() {
 
     let bad = |arguments: &[&str], what: &str| fail(&[&["render", &triangle, "-o", &out], arguments].concat(), what);
     bad(&["--env", "missing.hdr"], "missing.hdr: cannot be read");
+    bad(&["--env", "/dev/zero"], "it is not a regular file");
+    let pointer = folder.path("pointer.hdr");
+    std::fs::write(&pointer, "version https://git-lfs.github.com/spec/v1\n").unwrap();
+    bad(&["--env", &pointer], "git lfs pull");
     bad(&["--env", "sky:95"], "sky:95: is no sky: write sky:ELEVATION");
     bad(&["--env", "sky:30,11"], "turbidity of 1 to 10");
     bad(&["--env", "sky:"], "such as sky:30,3");

@@ -91,7 +91,10 @@ fn real_glass_is_there_and_can_be_left_out() {
 #[test]
 fn environment_maps_load() {
     let Some(shared) = shared() else { return };
-    let load = |name: &str| lightsheaf::scene::EnvironmentMap::load(&shared.join("scenes/env").join(name));
+    let load = |name: &str| {
+        let path = shared.join("scenes/env").join(name);
+        lightsheaf::scene::EnvironmentMap::decode(&std::fs::read(&path).unwrap(), &path)
+    };
     let (map, warning) = load("venice_sunset_1k.hdr").unwrap();
     assert_eq!(warning, None);
     assert_eq!((map.width, map.height, map.rows), (1024, 512, Rows::Centred));

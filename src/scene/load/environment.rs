@@ -4,6 +4,7 @@ use std::path::Path;
 
 use glam::{Mat3, Vec3};
 
+use crate::scene::load::files::{Disk, Files as _};
 use crate::scene::load::sky::ClearSky;
 use crate::scene::load::studio;
 use crate::scene::model::environment::{Environment, EnvironmentMap};
@@ -14,7 +15,7 @@ use crate::scene::model::scene::Scene;
 /// Changes to a scene's environment at loading.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EnvironmentChange {
-    /// Replacement of the environment: an image as [`EnvironmentMap::load`] reads it;
+    /// Replacement of the environment: an image as [`EnvironmentMap::decode`] reads it;
     /// `sky:ELEVATION[,TURBIDITY]`, a [`ClearSky`] with the sun that many degrees above the horizon in the
     /// direction of +Z; `studio`, a photographer's studio for a camera that looks along -Z ([`studio`]); or
     /// `none`.
@@ -54,7 +55,8 @@ impl EnvironmentChange {
                     (Some(sky.map()), Some(sky.sun()))
                 }
                 _ => {
-                    let (map, warning) = EnvironmentMap::load(Path::new(source))?;
+                    let path = Path::new(source);
+                    let (map, warning) = EnvironmentMap::decode(&Disk.read(path)?, path)?;
                     scene.warnings.extend(warning);
                     (Some(map), None)
                 }

@@ -98,15 +98,6 @@ impl EnvironmentMap {
     /// memory.
     pub const MAX_TEXELS: u64 = 1 << 28;
 
-    /// Loads a file as [`Self::decode`] decodes it.
-    ///
-    /// # Errors
-    /// A missing file is an error; otherwise as [`Self::decode`].
-    pub fn load(path: &Path) -> Result<(Self, Option<String>), LoadError> {
-        let bytes = std::fs::read(path).map_err(|e| LoadError::new(path, format!("cannot be read: {e}")))?;
-        Self::decode(&bytes, path)
-    }
-
     /// Decodes a Radiance `.hdr` file, an OpenEXR file with red, green and blue, or an eight-bit image read as
     /// sRGB. The path names it in errors. Also returns a warning if there is no such radiance as a texel has:
     /// negative values, which lossy compression and sharp filters leave, and NaN become 0, and infinite ones, as
