@@ -108,6 +108,8 @@ fn sensible(pass: &str, set: &[Flag]) -> bool {
         && (!has(Flag::Infinite) || has(Flag::Light) || pass != CONNECT)
         // Only one pass reads the count of list entries.
         && has(Flag::Walked) == (pass == LIST_LENGTHS)
+        // Along rows the filter averages squares, and keeps nothing.
+        && (!has(Flag::Across) || (has(Flag::Coarse) && !has(Flag::Residual)))
         // Layers are not summed and have no converged tiles.
         && !(has(Flag::Adaptive) && has(Flag::Layered))
         // Rays find what the camera sees exactly.

@@ -1,6 +1,6 @@
 //! A filtered picture, what the filter took away, and how much of it the picture gets back.
 //!
-//! The filter of interleaved pictures averages neighbours, over a square and then over a square of squares. Either removes
+//! The filter of interleaved pictures averages neighbours, over a square and then over squares around it. Either removes
 //! noise, and detail with it. The residual d of a pixel is the mean of its frames before the filter minus that after it.
 //! Its expectation is minus the filter's bias; the variance v of the mean is known, since each frame has a residual. The
 //! picture is F + s d + s' d', with the filtered mean F, the residuals of both filters and, in a square of pixels around
@@ -43,7 +43,7 @@ const LEAST_NOISE: f64 = 1e-3;
 const LEAST_MARGIN: f64 = 1.25;
 const MOST_MARGIN: f64 = 5.0;
 
-/// c of the filter of a square of squares.
+/// c of the filter of squares.
 const COARSE_MARGIN: f64 = 1.0;
 
 /// Light that leaks into a pixel, over its own, from which on all of it comes back if d^2 is this many times v. With half
@@ -70,7 +70,7 @@ pub struct FilteredFilm {
     pub film: Film,
     /// What the filter of a square took away.
     pub fine: Residual,
-    /// What that of a square of squares then took away.
+    /// What that of squares then took away.
     pub coarse: Residual,
     /// Number of frames.
     pub frames: u64,

@@ -152,8 +152,10 @@ flags! {
     Upsample = "UPSAMPLE",
     /// What the filter takes away is averaged over the frames.
     Residual = "RESIDUAL",
-    /// The filter averages means of squares.
+    /// The filter averages means of squares, along columns.
     Coarse = "COARSE",
+    /// It averages along rows.
+    Across = "ACROSS",
     /// The filter fades with the number of frames.
     Fades = "FADES",
 }

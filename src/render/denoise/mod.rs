@@ -64,6 +64,8 @@ struct Before {
 /// A filter, and what it takes away from the frames (shaders/denoise/filter.wesl).
 struct Filter {
     pass: Compute,
+    /// The pass along rows before it, and what that leaves; none if one pass filters along both.
+    across: Option<(Compute, wgpu::Buffer)>,
     filtered: wgpu::Buffer,
     residual: Option<wgpu::Buffer>,
 }
@@ -84,9 +86,16 @@ impl Filter {
         inputs: &[&[Binding]; 2],
         unfiltered: wgpu::BindingResource<'a>,
     ) -> wgpu::BindingResource<'a> {
+        let whole = [("whole", unfiltered.clone())];
+        let mut unfiltered = unfiltered;
+        if let Some((pass, filtered)) = &self.across {
+            let both = [("unfiltered", unfiltered), ("filtered", filtered.as_entire_binding())];
+            recording.run(pass, layer, &[inputs[0], inputs[1], &both]);
+            unfiltered = filtered.as_entire_binding();
+        }
         let both = [("unfiltered", unfiltered), ("filtered", self.filtered.as_entire_binding())];
         let residual: Vec<_> = self.residual.iter().map(|all| ("residual", all.as_entire_binding())).collect();
-        recording.run(&self.pass, layer, &[inputs[0], inputs[1], &both, &residual]);
+        recording.run(&self.pass, layer, &[inputs[0], inputs[1], &both, &residual, &whole]);
         self.filtered.as_entire_binding()
     }
 }
@@ -117,7 +126,7 @@ pub struct Denoiser {
     parts: Layers,
     gradient: Option<Compute>,
     temporal: Option<(Compute, Pair)>,
-    /// The filters of a square and, if what they take away is kept, of a square of squares. Each filters what the one
+    /// The filters of a square and, if what they take away is kept, of squares around it. Each filters what the one
     /// before has filtered.
     filters: Vec<Filter>,
     bias: Option<Bias>,
@@ -140,9 +149,12 @@ impl Denoiser {
         let squares: u64 = grid.squares().iter().map(|&side| u64::from(side)).product();
         let parts = Layers::new(image, layer, if plan.has_gradients() { squares } else { 0 });
         let pass = |shader, flags: &[Flag]| Compute::new(gpu, shader, flags);
+        let filtered = || gpu.storage("filtered", layer * 32);
+        let filter_pass = |flags: &[Flag]| pass("denoise/filter", &[&kinds[..], flags].concat());
         let filter = |flags: &[Flag]| Filter {
-            pass: pass("denoise/filter", &[&kinds[..], flags].concat()),
-            filtered: gpu.storage("filtered", layer * 32),
+            pass: filter_pass(flags),
+            across: flags.contains(&Flag::Coarse).then(|| (filter_pass(&[Flag::Coarse, Flag::Across]), filtered())),
+            filtered: filtered(),
             residual: flags.contains(&Flag::Residual).then(|| gpu.storage("residual", image * 16)),
         };
         let filters: &[&[Flag]] = match (plan.filtered, plan.keeps_residual()) {
@@ -190,7 +202,10 @@ impl Denoiser {
         let pairs = [&self.guides, &self.layers, &self.pictures];
         let pairs = pairs.into_iter().chain(&self.layer_guides).chain(self.temporal.as_ref().map(|(_, pair)| pair));
         let filters = self.filters.iter().chain(self.bias.iter().map(|bias| &bias.again));
-        let of_filters = filters.flat_map(|filter| std::iter::once(&filter.filtered).chain(&filter.residual));
+        let of_filters = filters.flat_map(|filter| {
+            let across = filter.across.iter().map(|(_, filtered)| filtered);
+            std::iter::once(&filter.filtered).chain(&filter.residual).chain(across)
+        });
         let clamped = self.firefly_clamp.iter().map(|(_, layers)| layers);
         let buffers = of_filters.chain(clamped).chain([&self.composed]).chain(&self.positions_before);
         let bias = self.bias.as_ref().map_or(0, |bias| bias.composed.size() + bias.pictures.bytes());

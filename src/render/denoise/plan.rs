@@ -37,10 +37,10 @@ impl DenoisePlan {
         self.filtered && self.history == 0 && self.grid.scale == 1 && !self.clamps_fireflies
     }
 
-    /// Returns the runs of the filter in a frame: over a square, over a square of squares if the picture gets back what
-    /// that takes away, and once more to measure the bias.
+    /// Returns the runs of the filter in a frame: over a square; over squares, along rows and columns, if the picture gets
+    /// back what that takes away; and these two once more to measure the bias.
     fn filters(&self) -> u32 {
-        u32::from(self.filtered) + u32::from(self.keeps_residual()) + u32::from(self.measures_bias)
+        u32::from(self.filtered) + 2 * (u32::from(self.keeps_residual()) + u32::from(self.measures_bias))
     }
 
     /// Returns the bytes of layers, guides, histories and pictures.
